@@ -4,8 +4,7 @@ from benchmarks.measure import Row, agreed, progress, seconds, table, turns
 from drive_profiles.processors import usable_processors
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.tuning import load_tuning
-from plant_emulator.studies.many import judge_all
-from plant_emulator.studies.robustness import Study
+from plant_emulator.studies.robustness import Study, judge_all
 from plant_emulator.trials.executors import LocalProcesses
 from plant_emulator.trials.rows import Row as PlantRow
 

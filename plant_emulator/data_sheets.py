@@ -1,7 +1,4 @@
-"""The EDS files of the emulated nodes.
-
-They are committed beside the profiles in `drive_profiles/vendors`.
-"""
+"""The EDS files of the emulated nodes, as committed in `drive_profiles/vendors`."""
 
 from plant_emulator.drive.dictionary.manufacturer_objects import drive_entries
 from plant_emulator.drive.family.choice import family_of
@@ -52,9 +49,7 @@ def data_sheets_of(robot: Robot) -> dict[str, str]:
 
 
 def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_code: str | None = None) -> str:
-    """Return the EDS of one node.
-
-    Serial number and motor are those of its dictionary.
+    """Return one node's EDS, with its dictionary's serial number and motor.
 
     Args:
         dictionary: Object dictionary of any emulated node, also of a described drive.

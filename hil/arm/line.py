@@ -22,12 +22,7 @@ SHORTEST_M, SHORTEST_RAD = 1e-6, 1e-6
 
 @dataclass(frozen=True)
 class ArmLine:
-    """A line motion of an arm.
-
-    Attributes:
-        arm: The arm's tables.
-        line: The line.
-    """
+    """A line motion of an arm."""
 
     arm: ArmTable
     line: StraightLine
@@ -54,9 +49,7 @@ class ArmLine:
         return tuple(self.arm.axes[joint] for joint in self.moved)
 
     def turned(self, time_s: Array) -> Array:
-        """Return the angles of the moving joints from home over time.
-
-        Shape (n,) gives (n, moved).
+        """Return the angles of the moving joints; shape (n,) gives (n, moved).
 
         Raises:
             LineError: The arm cannot follow the line.

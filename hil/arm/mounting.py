@@ -51,9 +51,7 @@ class Mounting(Table):
 
 
 def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, gravity_m_s2: Array) -> Array:
-    """Return the acceleration of a sensor in the base frame.
-
-    a = R_s f + g.
+    """Return a sensor's acceleration in the base frame, R_s f + g.
 
     Args:
         arm: The arm.

@@ -27,10 +27,7 @@ END_KG = 5.0
 
 
 def regressor(arm: Kinematics, joints_rad: Real) -> Real:
-    """Return Y(q); shape (..., n, n, 10 n).
-
-    Joint angles have the shape (..., n).
-    """
+    """Return Y(q); shape (..., n, n, 10 n)."""
     rotations, origins = arm.links(joints_rad)
     lead, n = origins.shape[:-2], arm.count
     directions = np.einsum("...ijk,ik->...ij", rotations, arm.axes)

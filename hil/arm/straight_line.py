@@ -74,9 +74,7 @@ class StraightLine:
     """A straight line with smooth speed; rest before and after.
 
     Attributes:
-        arm: The arm.
         near: Joint angles near the start, which select the arm's configuration; shape (n,).
-        start: Pose at the start.
         end: Pose at the end; its axes are free if the start's are.
         move: The speed along the line.
         dwell_s: Time of rest before the motion.
@@ -115,10 +113,7 @@ class StraightLine:
 
     @cached_property
     def _turned(self) -> Array:
-        """Axis times angle of the tip's turn from start to end.
-
-        In the base frame; shape (3,).
-        """
+        """Axis times angle of the tip's turn in base; shape (3,)."""
         if self.start.frame is None or self.end.frame is None:
             return np.zeros(3)
         return rotation_vector(self.end.frame @ self.start.frame.T)
@@ -138,9 +133,7 @@ class StraightLine:
 
     @cached_property
     def joints_along(self) -> tuple[Array, Array]:
-        """Fractions of the line and joint angles, in small steps.
-
-        Shapes (m,) and (m, n).
+        """Fractions of the line, shape (m,), and joint angles, (m, n).
 
         Raises:
             LineError: The arm does not reach a point of the line, or passes a singular posture; with the first such point.
@@ -187,9 +180,7 @@ class StraightLine:
         )  # fmt: skip
 
     def angles(self, fraction: Array) -> Array:
-        """Return exact joint angles at fractions of the line.
-
-        Shape (n,) gives (n, joints).
+        """Return exact joint angles (n, joints) at fractions of the line (n,).
 
         Raises:
             LineError: The arm cannot follow the line.

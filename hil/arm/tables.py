@@ -61,10 +61,7 @@ class ArmLink(Table):
         return f"the link of axis {self.axis}" if self.name is None else f"link {self.name!r} (axis {self.axis})"
 
     def rotation(self) -> Real:
-        """Return the rotation from the preceding frame into the joint's own.
-
-        At a joint angle of 0; shape (3, 3).
-        """
+        """Return the rotation from the preceding frame at 0; shape (3, 3)."""
         return rotation(*map(math.radians, self.rpy_deg))
 
     def unit_direction(self) -> Real:

@@ -1,7 +1,4 @@
-"""Bench file: bus, drives, assumed models and limits of a robot.
-
-Master and drives never exceed the limits.
-"""
+"""Bench file: bus, drives, assumed models and strict limits of a robot."""
 
 import math
 from difflib import get_close_matches
@@ -332,10 +329,7 @@ class Bench(Table):
 
     @property
     def travel_deg(self) -> float:
-        """Largest joint angle of an identification to either side.
-
-        On an arm; infinite without one.
-        """
+        """Largest joint angle of an identification, either side; infinite without arm."""
         return math.inf if self.arm is None else self.identification_travel_deg or IDENTIFICATION_TRAVEL_DEG
 
     def travel_rev(self, axis: int) -> float:

@@ -77,12 +77,6 @@ def load_designs(path: Path) -> Designs:
 def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> Designs:
     """Put one axis into a design file; a missing file is created.
 
-    Args:
-        path: The file.
-        robot: Name of the bench that the filters were designed for.
-        number: Number of the axis.
-        axis: Filters of the axis.
-
     Raises:
         FileError: The file is not a design file, or cannot be written.
         NotPossibleError: The file belongs to another robot.

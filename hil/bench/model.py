@@ -385,9 +385,7 @@ def identified_axis(identified: Identified | None, number: int) -> IdentifiedAxi
 
 
 def with_identified(bench: Bench, identified: Identified | None) -> Bench:
-    """Return the bench with identified models in place of assumed ones.
-
-    It is the bench itself without a model file.
+    """Return the bench with identified models, if any, for assumed ones.
 
     If only one part of an axis was identified, the other is kept from the bench. An axis without any plant, or without any
     transmission error, has no model. The bench takes the significant orders of an identified error.

@@ -40,10 +40,7 @@ class AdapterChannel(OneByOne):
             raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Receive the next frame, or None if none comes in time.
-
-        CAN FD frames are skipped.
-        """
+        """Receive the next classic frame, or None if none comes in time."""
         if self._lost is not None:
             raise self._lost
         deadline = time.monotonic() + timeout_s
@@ -92,12 +89,7 @@ def frame_of(message: can.Message) -> Frame:
 
 
 def message_of(frame: Frame, **details: Any) -> can.Message:
-    """The message of python-can of a frame.
-
-    Args:
-        frame: The frame.
-        **details: Further arguments of the message, such as its `timestamp`.
-    """
+    """The message of python-can of a frame."""
     is_remote = bool(frame.can_id & CAN_RTR_FLAG)
     return can.Message(
         arbitration_id=frame.can_id & CAN_EFF_MASK,

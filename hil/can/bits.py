@@ -49,9 +49,7 @@ _STUFF_AFTER = 5
 
 
 def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
-    """Count the bits of a data or remote frame on the bus.
-
-    The intermission is included.
+    """Count a data or remote frame's bits on the bus, with intermission.
 
     Args:
         frame: The frame on the bus; of the data of a remote frame only the length counts.
@@ -67,13 +65,7 @@ def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
 
 
 def duration_ns(frame: Frame, bitrate: int) -> int:
-    """Return the bus time of a data or remote frame in ns.
-
-    The intermission is included; rounded up.
-
-    Args:
-        frame: The frame on the bus.
-        bitrate: Bit rate in bit/s.
+    """Return a frame's bus time with intermission in ns, rounded up.
 
     Raises:
         ValueError: The frame is one that `frame_bits` refuses.
@@ -96,9 +88,7 @@ def arbitration_key(can_id: int) -> int:
 
 
 def sent_bits(frame: Frame) -> str:
-    """Return the bits as sent, from SOF to the CRC.
-
-    Stuff bits are included, and "0" is dominant.
+    """Return the stuffed bits from SOF to CRC; "0" is dominant.
 
     Raises:
         ValueError: The frame is one that `frame_bits` refuses.
@@ -182,9 +172,7 @@ def stuffed_by(known: Head, data: bytes) -> int:
 
 @lru_cache(maxsize=4096)
 def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
-    """Return the counts for CAN FD frames of one identifier and length.
-
-    The frames have bit rate switching.
+    """Return the counts for CAN FD frames with bit rate switching.
 
     Raises:
         ValueError: The frame is one that `fd_bits` refuses, or has more than 8 bytes.
@@ -219,10 +207,7 @@ def fd_stuffed_by(known: Head, data: bytes) -> int:
 
 
 class FdBits(NamedTuple):
-    """Bits of a CAN FD frame at either bit rate.
-
-    Stuff bits and intermission are included.
-    """
+    """Bits of a CAN FD frame at either rate, stuffed, with intermission."""
 
     nominal_bits: int
     data_phase_bits: int
@@ -253,12 +238,6 @@ def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = T
     """Return the bits of a CAN FD frame as sent.
 
     From SOF to the last bit of the CRC, with all stuff bits; "0" is dominant.
-
-    Args:
-        can_id: The identifier, without flags.
-        data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: True for a 29-bit identifier.
-        brs: True if the data phase has a bit rate of its own.
 
     Raises:
         ValueError: The frame is one that `fd_bits` refuses.

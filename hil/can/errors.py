@@ -16,7 +16,6 @@ class BusUnavailableError(ChannelError):
     """The bus could not be opened."""
 
     def __init__(self, address: Address, reason: str) -> None:
-        """Keep address and reason."""
         self.address, self.reason = address, _ERRNO.sub("", reason)
         super().__init__(f"no bus at {address}: {self.reason}")
 
@@ -28,6 +27,5 @@ class BusLostError(ChannelError):
     """
 
     def __init__(self, address: Address, reason: str) -> None:
-        """Keep address and reason."""
         self.address, self.reason = address, reason
         super().__init__(f"bus {address} lost: {reason}")

@@ -78,11 +78,7 @@ class Listener(ABC):
 
     @staticmethod
     def _gathered(read: Callable[[int], T]) -> T | None:
-        """Next message of a socket; None if none comes within a moment.
-
-        Args:
-            read: Reads the socket with flags of `recv`.
-        """
+        """Next message of a socket; None if none comes within a moment."""
         with contextlib.suppress(BlockingIOError):
             return read(socket.MSG_DONTWAIT)
         time.sleep(_GATHERING_S)

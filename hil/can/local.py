@@ -86,11 +86,7 @@ def stamp_arrivals(sock: socket.socket) -> None:
 
 
 def arrival_ns(ancillary: Sequence[tuple[int, int, bytes]]) -> int | None:
-    """Return the kernel's time of a message in ns since 1970, or None.
-
-    Args:
-        ancillary: What `recvmsg` has received beside the message.
-    """
+    """Return the kernel's time of a message in ns since 1970, or None."""
     for level, kind, data in ancillary:
         if (level, kind, len(data)) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS, _TIMESPEC.size):
             seconds, nanoseconds = _TIMESPEC.unpack(data)
@@ -308,10 +304,7 @@ class LocalChannel(RawChannel):
             self.line.timeout_s = timeout_s
 
     def _read(self, flags: int) -> Frame | None:
-        """Return the next frame, or None; skip other records.
-
-        None if none comes within the socket's time-out.
-        """
+        """Return the next frame, or None; skip other records."""
         frame = self._from_stream(b"") if self._buffer else None
         while frame is None:
             try:
@@ -376,10 +369,7 @@ class LocalChannel(RawChannel):
                 self._early.append(frame)
 
     def _is_period_over(self, data: bytes) -> bool:
-        """True if the period of our last SYNC is over.
-
-        No more frames will come in it.
-        """
+        """True if our last SYNC's period is over: no more frames follow."""
         return clock.read_period_over(data) == int(self.line.syncs) & 0xFFFF_FFFF
 
     def _from_stream(self, more: bytes) -> Frame | None:

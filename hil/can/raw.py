@@ -34,7 +34,6 @@ class RawChannel:
     """Words for error numbers, instead of the system's."""
 
     def __init__(self, address: Address, sock: socket.socket) -> None:
-        """Take over an open socket."""
         self.address = address
         self.is_lock_step = False
         self.overflows = 0

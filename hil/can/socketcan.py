@@ -110,10 +110,6 @@ class SocketCanChannel(RawChannel, OneByOne):
     def __init__(self, address: Address, filters: Sequence[tuple[int, int]] = ()) -> None:
         """Open the socket.
 
-        Args:
-            address: Address of the bus.
-            filters: Identifier and mask of the kernel's filters; empty: all frames.
-
         Raises:
             BusUnavailableError: The socket cannot be opened.
         """

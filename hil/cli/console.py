@@ -106,7 +106,7 @@ def exit_on_error(*, moves: bool = True) -> Iterator[None]:
 
     An unexpected error keeps its traceback. A command that moves a robot prints after an interrupt what has moved.
     """
-    from hil.master.last_positions import LastPositions  # noqa: PLC0415 - hil.master loads nothing else with it
+    from hil.master.whereabouts import LastPositions  # noqa: PLC0415 - hil.master loads nothing else with it
 
     LastPositions.note((), have_moved=False)
     try:

@@ -23,8 +23,7 @@ from hil.logs.overheard import OverheardValue
 from hil.logs.trace import Trace
 from hil.master.drive import mapping
 from hil.master.drive.needs import Need
-from hil.master.drive.overheard import OverheardQuestions
-from hil.master.drive.scale import read_scaling
+from hil.master.drive.scale import OverheardQuestions, read_scaling
 from hil.master.sensor import DIGITS_OBJECT, METRE_PER_SECOND_SQUARED, UNIT_OBJECT
 
 POSITIONS = {0x6062, 0x6064, 0x6065, 0x6067, 0x607A, 0x60F4, 0x60C1}

@@ -11,15 +11,8 @@ from hil.master.drive.pdo import PdoSet
 class JointEncoder:
     """Last position of the second encoder of a drive.
 
-    Args:
-        axis: The axis; its table has a load_encoder.
-        records: The records of all second encoders, see `cyclic.h`.
-        row: Index of its own.
-
     Attributes:
-        axis: The axis.
         can_id: Identifier of its TPDO; 0 before it is mapped.
-        data: Its record.
     """
 
     def __init__(self, axis: DriveAxis, records: Any, row: int) -> None:

@@ -1,7 +1,4 @@
-"""Schedule of a run by the wall clock, and statistics.
-
-Deadlines are absolute; cycles that are too late are dropped.
-"""
+"""Schedule of a run by absolute deadlines, with late cycles dropped; statistics."""
 
 import math
 from bisect import bisect_left
@@ -31,7 +28,6 @@ class Histogram:
     """Ratio of two edges less 1: 2.4 %."""
 
     def __init__(self) -> None:
-        """Start without values."""
         self.count = 0
         self.largest_s = 0.0
         self._bins = [0] * (len(_EDGES) + 1)
@@ -43,10 +39,7 @@ class Histogram:
         self.largest_s = max(self.largest_s, value_s)
 
     def percentile(self, fraction: float) -> float | None:
-        """Return the value that a fraction of all values does not exceed.
-
-        Fraction from 0 to 1; None without values.
-        """
+        """Return the quantile of a fraction (0 to 1), None without values."""
         if not self.count:
             return None
         rank = max(1, math.ceil(round(fraction * self.count, 6)))
@@ -76,11 +69,7 @@ class CycleSchedule:
     its set-points belong to an instant that has passed, and the next cycle has newer ones.
 
     Attributes:
-        clock: Clock of the master.
-        period_s: SYNC period T.
         limit_s: Largest lateness at which a cycle is still sent.
-        lateness: Time from the deadline to the SYNC, or to the decision to drop the cycle.
-        arrivals: Time from SYNC to the reading of an answer.
         cycles: Number of cycles so far, the dropped ones included.
         dropped: Number of dropped cycles, those that passed unseen included.
         late: Number of SYNCs that left beyond the limit, although they were in time at the last check.
@@ -261,15 +250,7 @@ class WallClockTiming:
         receive_overflows: int | None,
         measures: tuple[Measure, ...],
     ) -> "WallClockTiming":
-        """The timing of a run that has come to its end.
-
-        Args:
-            schedule: Deadlines and statistics of the run.
-            missed: Cycles in which an answer did not come.
-            bitrate: Bit rate of the bus, or None if it is not known.
-            receive_overflows: Frames lost for want of room, or None if that is not known.
-            measures: Requests to the operating system and their outcome.
-        """
+        """The timing of a run that has come to its end."""
         duration = schedule.duration_s
         return cls(
             period_s=schedule.period_s,

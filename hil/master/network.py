@@ -33,7 +33,6 @@ class Emergency:
     """The maker's codes in words."""
 
     def __str__(self) -> str:
-        """The message in words."""
         return f"node {self.node} reports {emergency_text(self.code, self.register, self.own)}"
 
 
@@ -81,7 +80,6 @@ class Network:
     Time on a lock-step bus is counted in SYNCs; on any other it is the monotonic clock, from the start of the network.
 
     Attributes:
-        channel: The bus.
         messages: The same, if it can take a cycle in one message each way; else None.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         fault_texts: For each node, its maker's own error codes in words.
@@ -94,12 +92,9 @@ class Network:
     """
 
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
-        """Join the bus; nothing is sent."""
         self.channel = channel
         self.messages = channel if isinstance(channel, MessageChannel) else None
-        self.log = log
-        self.timeout_s = timeout_s
-        self.period_s = period_s
+        self.log, self.timeout_s, self.period_s = log, timeout_s, period_s
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
         self.fault_texts: dict[int, Mapping[int, str]] = {}
         self.heartbeats: dict[int, tuple[float, int]] = {}
@@ -159,10 +154,7 @@ class Network:
         return frame
 
     def dispatch(self, frame: Frame) -> None:
-        """Pass a frame that is not cyclic to its receiver.
-
-        No bytes raise an error.
-        """
+        """Dispatch a frame that is not cyclic; no bytes raise an error."""
         can_id, data = frame
         if can_id & CAN_ERR_FLAG:
             self._note_error(frame)
@@ -190,10 +182,7 @@ class Network:
             self.bus_errors[event.words] += 1
 
     def answers_twice(self, node: int) -> bool:
-        """True if a node's SDO server has answered too often.
-
-        Two nodes may share its node-ID.
-        """
+        """True if too many answers suggest that two nodes share a node-ID."""
         line = self._lines.get(node)
         return line is not None and line.unasked + len(line.answers) > 0
 
@@ -271,14 +260,6 @@ class Network:
 
     def write(self, node: int, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
         """Write an object and read it back, raw bytes compared.
-
-        Args:
-            node: Node-ID of the node.
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            kind: Data type of the object.
-            value: New value, in the object's own unit.
-            name: Name of the object, for messages.
 
         Raises:
             SdoAbortedError: The node refuses.

@@ -80,7 +80,6 @@ class System:
     """
 
     def __init__(self) -> None:
-        """Find the C library."""
         try:
             self._c: ctypes.CDLL | None = ctypes.CDLL(None, use_errno=True)
         except (OSError, TypeError):  # no POSIX system
@@ -190,14 +189,7 @@ def quiet_garbage_collection() -> Callable[[], None]:
 
 
 class RealTime:
-    """Context in which this thread runs in real time, if permitted.
-
-    A refusal is not an error.
-
-    Args:
-        settings: The requests.
-        system: The calls to the system; a test gives its own.
-    """
+    """Context of real time for this thread; a refusal is no error."""
 
     def __init__(self, settings: Settings, system: System | None = None) -> None:
         """Prepare the context; nothing is requested yet."""

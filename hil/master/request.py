@@ -29,16 +29,7 @@ ROUNDED = 1e-6
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Input of one run.
-
-    Attributes:
-        motion: Motion of the axes.
-        filters: Filters that act: the drives' or, host-closed, the host's; or none.
-        loop: Place of the loop, drive or host.
-        adder: Additions to the set-points of a drive-closed run.
-        fixed: Fixed filters by axis, instead of the variable ones; host-closed only.
-        shows_filter: Let the drives send the state of their first filter in a second TPDO.
-    """
+    """Input of one run."""
 
     motion: Motion
     filters: FilterUse
@@ -89,9 +80,7 @@ class RunRequest:
             raise NotPossibleError("fixed filters need a host-closed loop (--loop host)")
 
     def host_loops(self, axes: list[DriveAxis]) -> ServoBank | None:
-        """Return the loops that the host closes, ready for the first cycle.
-
-        None if the drives close them.
+        """Return the host's loops, ready to cycle; None if drives close them.
 
         Args:
             axes: The axes, in the order of the motion's columns.
@@ -173,9 +162,7 @@ def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAccelera
 
 
 def check_set_points(axis: int, limits: Limits, angle_rad: Real, period_s: float) -> None:
-    """Refuse set-points that accelerate an axis beyond its limit.
-
-    The axis begins at rest.
+    """Refuse set-points that accelerate an axis from rest beyond its limit.
 
     Args:
         axis: Axis number.

@@ -21,13 +21,12 @@ from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, QUICK_STOP, SHUT
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis
 from hil.master.guard import GUARD, AxisGuard
-from hil.master.last_positions import LastPositions
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
 from hil.master.run_table import RunTable
 from hil.master.set_point_adder import CompiledAdder, Sensed, SensingAdder, SetPointAdder, SteppedAdder
 from hil.master.supervision import Supervisor
-from hil.master.whereabouts import Whereabouts, stop_text
+from hil.master.whereabouts import LastPositions, Whereabouts, stop_text
 from hil.recording import Real, Recording
 
 ENABLE_TIMEOUT_S = 2.0

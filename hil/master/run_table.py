@@ -59,10 +59,7 @@ class RunTable:
 
 
 def going_on(angles_rad: Real) -> Real:
-    """Unwrap the angles of an encoder that counts single turns.
-
-    NaN remains NaN; shape (n,).
-    """
+    """Unwrap the angles of a single-turn encoder; NaN remains; shape (n,)."""
     result, known = np.array(angles_rad), np.isfinite(angles_rad)
     result[known] = np.unwrap(result[known])
     return result

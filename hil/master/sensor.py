@@ -90,13 +90,7 @@ class TipAccelerometer(ABC):
 
 
 class CanopenSensor(TipAccelerometer):
-    """A CANopen accelerometer (CiA 404) that answers each SYNC with a TPDO.
-
-    Args:
-        network: The bus.
-        node: Node-ID of the sensor.
-        profile: Profile with its expected identity.
-    """
+    """A CANopen accelerometer (CiA 404) that answers each SYNC with a TPDO."""
 
     def __init__(self, network: Network, node: int, profile: Profile) -> None:
         self._network, self._node, self._profile = network, node, profile
@@ -122,10 +116,7 @@ class CanopenSensor(TipAccelerometer):
         return TipSource(TIP_BY_NODE, self._pdos.tpdo(1, mapping.ACCELERATION), scale_m_s2)
 
     def _read_scale_m_s2(self) -> float:
-        """Read the scale of the process values in m/s² per step.
-
-        It must be the same for all three channels.
-        """
+        """Read the scale in m/s² per step, which all three channels share."""
         node, scales = self._node, set()
         for sub in (1, 2, 3):
             unit = self._network.read(node, UNIT_OBJECT, sub, U32, "physical unit")
@@ -142,12 +133,7 @@ class CanopenSensor(TipAccelerometer):
 
 
 class SerialSensor(TipAccelerometer):
-    """An accelerometer on a serial port; time must be the wall clock's.
-
-    Args:
-        network: The bus beside which it measures.
-        reader: Reader of the port, on the master's clock.
-    """
+    """An accelerometer on a serial port; time must be the wall clock's."""
 
     def __init__(self, network: Network, reader: AccelerometerReader) -> None:
         self._network, self._reader = network, reader

@@ -16,10 +16,6 @@ class Supervisor:
 
     The master sends its heartbeat with the cycles, so that it stops with them.
 
-    Args:
-        network: The bus.
-        bus: Table with the master's node-ID and the heartbeat period.
-
     Attributes:
         bus: The same table; a new one counts from the next `begin` on.
         interrupted_by: The signal that asked for an end, or None.

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 from hil.bench.bench import Limits
+from hil.errors import NOT_DISABLED
 
 AWAY_REV: Final = 0.01
 """Last digit of a motor position in words, in which commands take it: nearer than that no command brings an axis."""
@@ -56,7 +57,6 @@ class Whereabouts:
     """Position of an axis after a stop.
 
     Attributes:
-        axis: Number of the axis.
         stands_rev: Position of its motor; None if it did not answer.
         began_rev: Position of the motor when the drive was enabled; None if it was not.
     """
@@ -72,7 +72,6 @@ class Whereabouts:
         return known and abs((self.stands_rev or 0.0) - (self.began_rev or 0.0)) > AWAY_REV
 
     def __str__(self) -> str:
-        """Return it in words."""
         if self.stands_rev is None:
             return f"the position of axis {self.axis} is not known"
         return f"axis {self.axis} is at {rev_text(self.stands_rev)} rev"
@@ -90,3 +89,42 @@ def stop_text(found: Sequence[Whereabouts]) -> str:
         commands = " and ".join(f"hil move --axis {each.axis} --back" for each in lost)
         said.append(f"once the bus answers again: {commands}")
     return "; ".join(said)
+
+
+AT_REST: Final = "the axes are at rest, and their drives are disabled"
+"""The words for the end of a motion that is followed by an error of the master alone."""
+
+
+class LastPositions:
+    """Positions of the axes as the master has last seen them at rest.
+
+    Attributes:
+        words: Each axis with its position, in words; empty before the first session.
+        have_moved: True if a motion was begun.
+        are_disabled: True if every drive has confirmed that it is disabled.
+    """
+
+    words: ClassVar[tuple[str, ...]] = ()
+    have_moved: ClassVar[bool] = False
+    are_disabled: ClassVar[bool] = True
+
+    @classmethod
+    def note(cls, words: tuple[str, ...], *, have_moved: bool, are_disabled: bool = True) -> None:
+        """Note positions, and whether a motion has led to them."""
+        cls.words, cls.have_moved, cls.are_disabled = words, have_moved, are_disabled
+
+    @classmethod
+    def rest(cls) -> str:
+        """Return the state of the axes, for an error of the master alone, such as a full disk."""
+        if not cls.are_disabled:
+            return NOT_DISABLED
+        return "; ".join((AT_REST if cls.have_moved else "nothing has moved", *cls.words))
+
+    @classmethod
+    def when(cls) -> str:
+        """Return the place of an interrupt that comes now.
+
+        No motion lasts: a session takes the signals itself, and ends its motion by a ramp.
+        """
+        state = () if cls.are_disabled else (NOT_DISABLED,)
+        return "; ".join(("after the last motion" if cls.have_moved else "before anything moved", *state, *cls.words))

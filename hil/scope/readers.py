@@ -20,8 +20,7 @@ from hil.logs.log import Stream
 from hil.logs.nodes import MappedNumber, Node, Pdo
 from hil.master.drive import mapping
 from hil.master.drive.needs import Need
-from hil.master.drive.overheard import OverheardQuestions
-from hil.master.drive.scale import read_scaling
+from hil.master.drive.scale import OverheardQuestions, read_scaling
 from hil.master.sensor import DIGITS_OBJECT, METRE_PER_SECOND_SQUARED, UNIT_OBJECT
 from hil.scope.signals import Signal, SignalQuantity
 

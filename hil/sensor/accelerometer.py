@@ -26,7 +26,6 @@ class SerialAccelerometerError(HilError):
     exit_code = 5
 
     def __init__(self, port: str, what: str, remedy: str = "") -> None:
-        """Keep the port and the fault."""
         self.port, self.what, self.remedy = port, what, remedy
         super().__init__(f"accelerometer on {port}: {what}" + (f"; {remedy}" if remedy else ""))
 
@@ -42,14 +41,11 @@ class AccelerometerReader:
         now: The clock of all times, in s; the monotonic clock unless it is given.
 
     Attributes:
-        settings: Port, framing and timing of the sensor.
         overruns: Samples that newer ones have replaced before they were read.
     """
 
     def __init__(self, settings: SerialTable, now: Callable[[], float] = time.monotonic) -> None:
-        """Prepare the reader; `open` opens the port."""
-        self.settings = settings
-        self._now = now
+        self.settings, self._now = settings, now
         self.overruns = 0
         self._framing = settings.layout()
         self._decoder = self._framing.decoder()
@@ -143,10 +139,7 @@ class AccelerometerReader:
             self._first.set()
 
     def value_at_sync(self, sync_s: float) -> Vector | None:
-        """Return the measurement for the SYNC at this instant of `now`.
-
-        None if the sensor is silent.
-        """
+        """Return the measurement for the SYNC at this instant, None if silent."""
         queue = self._queue
         while queue:
             self._history.add(*queue.popleft())

@@ -1,7 +1,4 @@
-"""Times of a serial accelerometer's samples, and its measurement at SYNC.
-
-Without any input or output, in seconds of any one clock.
-"""
+"""Times of a serial accelerometer's samples, and its measurement at SYNC; pure."""
 
 import math
 from bisect import bisect_right
@@ -49,10 +46,7 @@ class SampleClock:
         self._last_s = self._last_arrival_s = -math.inf
 
     def time_s(self, arrival_s: float, counter: int | None = None) -> float:
-        """Return the time of the sample that arrived now.
-
-        Arrivals do not go back.
-        """
+        """Return the time of a sample arriving now; arrivals never go back."""
         arrival_s = max(arrival_s, self._last_arrival_s)
         step = self._step(counter)
         if arrival_s - self._last_arrival_s > PHASE_SAMPLES * self._period_s:
@@ -64,10 +58,7 @@ class SampleClock:
         return self._last_s
 
     def _step(self, counter: int | None) -> int:
-        """Count the samples since the last one by the sensor's counter.
-
-        A jump by half its range or more is a restart.
-        """
+        """Count samples by the sensor's counter; half its range means a restart."""
         before, self._counter = self._counter, counter
         if counter is None or before is None or self._modulo is None:
             return 1
@@ -83,7 +74,6 @@ class SampleHistory:
     """The last samples with their times, for the measurement at an instant."""
 
     def __init__(self) -> None:
-        """Start without samples."""
         self._times: list[float] = []
         self._values: list[Vector] = []
 

@@ -1,7 +1,4 @@
-"""Samples of a serial accelerometer in a stream of bytes.
-
-Without any input or output; any bytes are accepted.
-"""
+"""Samples of a serial accelerometer in a stream of any bytes; pure."""
 
 import functools
 import math
@@ -152,7 +149,6 @@ class LineDecoder:
     """
 
     def __init__(self, framing: LineFraming) -> None:
-        """Start at the beginning of a stream."""
         self.framing = framing
         self.checksum_errors = self.malformed = 0
         self._line = bytearray()
@@ -279,7 +275,6 @@ class BinaryDecoder:
     """
 
     def __init__(self, framing: BinaryFraming) -> None:
-        """Start at the beginning of a stream."""
         self.framing = framing
         self.checksum_errors = self.malformed = 0
         self._buffer = b""

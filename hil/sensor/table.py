@@ -1,7 +1,4 @@
-"""The bench file's `[accelerometer.serial]`: an accelerometer on a serial port.
-
-docs/serial.md has two complete ones.
-"""
+"""The bench file's `[accelerometer.serial]`; docs/serial.md has two complete ones."""
 
 import re
 from typing import Annotated, Literal
@@ -98,10 +95,7 @@ class SerialTable(Table):
         return framing
 
     def modulo(self) -> int | None:
-        """Return the count at which the counter starts again.
-
-        That of a binary frame follows from its type.
-        """
+        """Return the counter's modulus; a binary frame's follows from its type."""
         if COUNTER not in self.fields:
             if self.counter_modulo is not None:
                 raise ValueError("counter_modulo needs a counter among the fields")

@@ -1,7 +1,4 @@
-"""The emulated robot on an existing bus.
-
-The bus is SocketCAN or any python-can interface; the robot's time follows the wall clock.
-"""
+"""The emulated robot on SocketCAN or python-can, by the wall clock."""
 
 import os
 import select
@@ -75,10 +72,7 @@ class Attachment:
                 return
 
     def turn(self, timeout_s: float) -> None:
-        """Follow the clock, and answer frames that arrive in time.
-
-        At most the first `TURN_FRAMES` frames are answered.
-        """
+        """Follow the clock; answer at most `TURN_FRAMES` frames arriving in time."""
         if not self._follow():
             self._catch_up(None)
         for _ in range(TURN_FRAMES):
@@ -92,7 +86,6 @@ class Attachment:
             self._hear(frame)
 
     def _follow(self) -> bool:
-        """Advance the world's time to the clock's."""
         behind = self.time() - self.world.now
         if behind > LATE_NS:
             return False

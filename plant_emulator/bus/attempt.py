@@ -61,7 +61,6 @@ class Port:
     __slots__ = ("babble", "controller", "held", "is_gone", "is_muted", "not_before", "number", "queue", "waiting")
 
     def __init__(self, number: int) -> None:
-        """Start with nothing to send."""
         self.number = number
         self.controller = Controller()
         self.queue: deque[QueuedFrame] = deque()
@@ -101,13 +100,7 @@ class Attempt:
     collided = False
 
     def __init__(self, start: int, senders: tuple[QueuedFrame, ...], rates: Rates) -> None:
-        """Let the first of the senders win.
-
-        Args:
-            start: SOF, in ns.
-            senders: Frames that start together.
-            rates: Bit rates of the bus.
-        """
+        """Let the first of the senders win."""
         self.start, self.senders, self.winners = start, senders, senders
         self.occupy(senders[0].slow_bits - INTERMISSION_BITS, senders[0].fast_bits, rates)
 

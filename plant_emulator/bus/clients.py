@@ -31,7 +31,6 @@ class Client:
     """
 
     def __init__(self, sock: socket.socket, port: int) -> None:
-        """Take over a connected socket."""
         self.port = port
         self.knows_clock = self.wants_stamps = self.takes_several = False
         self.may_be_clock = True
@@ -91,9 +90,6 @@ class Client:
         """Return the records of the next message; None if the client is gone.
 
         They are empty if none has come. A message that is not made of whole records is dropped.
-
-        Args:
-            wait: Wait for it, up to `CLOCK_WAIT_S`.
         """
         try:
             data = self.socket.recv(65536 if self._is_stream else _MESSAGE_BYTES, 0 if wait else socket.MSG_DONTWAIT)
@@ -160,7 +156,6 @@ class Listener:
     """Listening socket that makes participants of connections."""
 
     def __init__(self, listener: socket.socket) -> None:
-        """Take over a listening socket."""
         self.listener = listener
         listener.setblocking(False)
 

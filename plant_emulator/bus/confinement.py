@@ -33,14 +33,6 @@ class Confinement:
     """
 
     def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, queues: Queues) -> None:
-        """Start without an error.
-
-        Args:
-            ports: Ports of the wire, which adds and removes them.
-            rates: Bit rates of the wire.
-            counts: Counts of the wire.
-            queues: Queues of the ports; a port that goes bus-off loses its frames.
-        """
         self._ports, self._rates, self._counts, self._queues = ports, rates, counts, queues
         self.reports: deque[ControllerMessage] = deque(maxlen=MAX_REPORTS)
         self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_REPORTS)

@@ -30,7 +30,6 @@ class LocalBus(can.BusABC):
     """
 
     def __init__(self, channel: str, can_filters: can.typechecking.CanFilters | None = None, **kwargs: Any) -> None:
-        """Join the bus."""
         try:
             self._socket = connect_local(Address(LOCAL, str(channel)))
         except BusUnavailableError as error:

@@ -1,7 +1,4 @@
-"""Medium between the clients of the local bus and its world.
-
-It is either instantaneous and in order, or a wire with bit times.
-"""
+"""Medium between clients and world: instantaneous, or a wire with bit times."""
 
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Protocol
@@ -94,7 +91,6 @@ class Instant:
     bitrate: int | None = None
 
     def __init__(self, world: World) -> None:
-        """Join a world."""
         self._world = world
 
     def join(self, port: int) -> None:

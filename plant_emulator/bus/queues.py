@@ -20,14 +20,6 @@ class Queues:
     """
 
     def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, room: int) -> None:
-        """Start empty.
-
-        Args:
-            ports: Ports of the wire, which adds and removes them.
-            rates: Bit rates of the wire.
-            counts: Counts of the wire.
-            room: Frames that every port holds.
-        """
         self._ports, self._rates, self._counts, self._room = ports, rates, counts, room
         self.waiting: dict[int, Port] = {}
         self.later: list[tuple[int, int, QueuedFrame | BusEvent]] = []
@@ -41,15 +33,6 @@ class Queues:
         """Take a frame, into the queue or on its way; return False if full.
 
         Held frames that it overtakes are queued after it.
-
-        Args:
-            port: Port of the sender.
-            at: Time of the offer.
-            now: The time of the bus.
-            frame: The frame; this and the rest are the fields of a `Passage`.
-            delay_ns: Time between the offer and the queue.
-            destroyed: Number of attempts that are to fail.
-            overtaken: Let the sender's next frame pass before.
 
         Raises:
             ValueError: This is not a frame that can be on the wire.
@@ -87,10 +70,7 @@ class Queues:
         heapq.heappush(self.later, (at, self.order, what))
 
     def queue(self, entry: QueuedFrame) -> None:
-        """Queue a frame at its port.
-
-        A port that cannot send loses it.
-        """
+        """Queue a frame at its port, unless that cannot send."""
         port = entry.port
         if port.is_silent:
             self.lose(port)

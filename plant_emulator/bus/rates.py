@@ -1,7 +1,4 @@
-"""Bit rates of a bus, and durations of bits and frames.
-
-Durations are integer nanoseconds, rounded up.
-"""
+"""Bit rates of a bus; durations of bits and frames, rounded up."""
 
 from hil.can.bits import TAIL_BITS, fd_head, fd_sent_bits, fd_stuffed_by, head, sent_bits, stuffed_by
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, Frame
@@ -59,9 +56,7 @@ class Rates:
         return duration_ns * (self.bitrate or 0) // SECOND
 
     def bits(self, frame: Frame) -> tuple[int, int]:
-        """Return the bits of a frame at either rate, with intermission.
-
-        Without bit times no stuff bits are counted.
+        """Return bits at either rate, with intermission; unstuffed without bit times.
 
         Raises:
             ValueError: `hil.can.bits.frame_bits` refuses the frame.
@@ -76,10 +71,7 @@ class Rates:
         return known.bits + known.inserted - known.fast_bits, known.fast_bits + fd_stuffed_by(known, data)
 
     def sent_bits(self, frame: Frame) -> str:
-        """Return the bits of a frame as sent.
-
-        They go from SOF to the last bit of the CRC; "0" is dominant.
-        """
+        """Return a frame's bits from SOF to CRC; "0" is dominant."""
         if not self.is_fd(frame.can_id):
             return sent_bits(frame)
         return fd_sent_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))

@@ -1,7 +1,4 @@
-"""The local bus: a Unix socket for several clients.
-
-The server owns the world on the bus and its two clocks.
-"""
+"""The local bus: a socket for several clients, its world and clocks."""
 
 import contextlib
 import errno
@@ -44,12 +41,6 @@ class Server:
 
     The client that sent the last SYNC holds the clock: while it is connected, only SYNC advances the world. Otherwise the world
     follows the monotonic clock; if it has fallen behind, it first processes the waiting frames, see `bus.stalls`.
-
-    Attributes:
-        world: The world behind the bus.
-        path: Path of the socket.
-        medium: The medium between world and clients.
-        time: The wall clock, as the world follows it.
     """
 
     def __init__(
@@ -76,8 +67,7 @@ class Server:
             AddressInUseError: Another server answers there.
             OSError: The path cannot be bound.
         """
-        self.world = world
-        self.path = path
+        self.world, self.path = world, path
         self._listeners: dict[int, Listener] = {}
         listener = _listen(path, stream=stream)
         self._inode = Path(path).stat().st_ino
@@ -100,10 +90,7 @@ class Server:
         self._selector.register(listener.listener, selectors.EVENT_READ)
 
     def watch(self, descriptor: int) -> None:
-        """Stop when this descriptor is closed at its other end.
-
-        The server then lives as long as the process that started it.
-        """
+        """Stop when this descriptor is closed at its other end."""
         try:
             self._selector.register(descriptor, selectors.EVENT_READ)
         except (OSError, ValueError):
@@ -143,10 +130,7 @@ class Server:
             self._deliver(self.medium.free(now))
 
     def _catch_up(self) -> None:
-        """Process the frames that arrived during a stall.
-
-        Each frame is processed at its time; then the rest of the time passes.
-        """
+        """Process a stall's frames at their times; let its rest pass."""
         begin, end = self.world.now, self._wall_ns()
         queued = sorted(self._queued(begin, end), key=itemgetter(0))
         arrivals = [arrival for arrival, _, _ in queued]
@@ -159,10 +143,7 @@ class Server:
             self._deliver(self.medium.free(reached))
 
     def _queued(self, begin: int, end: int) -> list[tuple[int, Frame, Client]]:
-        """Return all waiting frames with their arrival times.
-
-        The times are the kernel's, else spread evenly over the stall.
-        """
+        """Return waiting frames with arrival times: the kernel's, else spread evenly."""
         real_time = time.time_ns() - end
         queued: list[tuple[int, Frame, Client]] = []
         for client in self._clients.values():
@@ -272,7 +253,6 @@ class Server:
         self._take(frame, sender)
 
     def _take(self, frame: Frame, sender: Client) -> None:
-        """Process a client's frame now."""
         if frame.can_id == clock.CLOCK_ID:
             self._on_question(frame, sender)
             return
@@ -300,10 +280,7 @@ class Server:
             sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate, several=True)))
 
     def _deliver(self, heard: Iterable[HeardFrame], waiting: Client | None = None, last: bytes = b"") -> None:
-        """Send every client the frames of the others.
-
-        The client that waits for it gets a last record.
-        """
+        """Send every client the others' frames; the waiting one gets `last`."""
         if len(self._clients) == 1:  # the rule, and quick: nobody else hears what it has sent itself
             [alone] = self._clients.values()
             heard = [each for each in heard if each[1] != alone.port]

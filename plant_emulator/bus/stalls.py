@@ -67,13 +67,7 @@ class WallTime:
     """
 
     def __init__(self, now_ns: Callable[[], int], world_ns: int, say: Callable[[str], None] = to_stderr) -> None:
-        """Begin now.
-
-        Args:
-            now_ns: The monotonic clock.
-            world_ns: The world's time.
-            say: Called with each warning.
-        """
+        """Begin now."""
         self.stalls = self.lost_ns = 0
         self._now_ns, self._say = now_ns, say
         self._say_at_ns, self._pause_ns, self._last_ns = now_ns(), SAY_AGAIN_NS, now_ns()

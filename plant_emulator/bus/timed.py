@@ -1,7 +1,4 @@
-"""A world and its clients on one wire.
-
-Every frame takes its time there, and is received when it has ended.
-"""
+"""A world and its clients on a wire, where frames take time."""
 
 import contextlib
 from collections.abc import Callable
@@ -40,7 +37,6 @@ class TimedBus:
     """
 
     def __init__(self, world: World, wire: EmulatedWire, host_latency_ns: int = 0, *, wall: bool = False) -> None:
-        """Join world and wire; no time passes."""
         self.world, self.wire = world, wire
         self.clock = clock.WALL if wall else clock.LOCK_STEP
         self.bitrate = wire.bitrate
@@ -125,10 +121,7 @@ class TimedBus:
         return sent
 
     def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass in short steps.
-
-        Drives then notice limits and finished ramps in time.
-        """
+        """Let time pass in steps short enough to notice limits and ramps."""
         heard: list[HeardFrame] = []
         while self.world.now < until:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))

@@ -71,7 +71,6 @@ class Traffic:
     """Counts and busy stretches of a bus."""
 
     def __init__(self) -> None:
-        """Start with all counts at 0."""
         self.counts = Statistics()
         self._intervals: deque[list[int]] = deque(maxlen=MAX_INTERVALS)  # from, to
 

@@ -35,9 +35,7 @@ class EndpointError(ValueError):
 
 
 def parse_endpoint(text: str) -> tuple[str, int]:
-    """Parse ``[HOST:]PORT`` into host and port.
-
-    Port 0 is any free one.
+    """Parse ``[HOST:]PORT`` into host and port; 0 is any free one.
 
     Raises:
         EndpointError: No port, or a host that others than this machine's own programs reach.
@@ -71,7 +69,6 @@ class Messages:
     """
 
     def __init__(self) -> None:
-        """Start without received bytes."""
         self.refused: str | None = None
         self._rest = b""
 
@@ -115,13 +112,6 @@ class VirtualcanClient(Client):
     """
 
     def __init__(self, sock: socket.socket, port: int, over: Callable[[str], None]) -> None:
-        """Take over a connected socket.
-
-        Args:
-            sock: The server's end.
-            port: Its number on the bus.
-            over: Takes the reason when it is dropped.
-        """
         super().__init__(sock, port)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.may_be_clock = False  # a program behind a TCP port keeps wall-clock time
@@ -167,9 +157,7 @@ class VirtualcanClient(Client):
 
 
 class VirtualcanListener(Listener):
-    """A TCP port through which participants join the local bus.
-
-    It is used with `Server.open`.
+    """A TCP port that joins participants to the local bus by `Server.open`.
 
     Attributes:
         endpoint: Host and port, also where any free port was asked for.
@@ -195,7 +183,6 @@ class VirtualcanListener(Listener):
         self._tell = tell
 
     def __str__(self) -> str:
-        """Return the endpoint in the form that other programs need."""
         host, port = self.endpoint
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 

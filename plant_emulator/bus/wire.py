@@ -125,9 +125,7 @@ class EmulatedWire:
         return port
 
     def detach(self, port: int) -> None:
-        """Detach a participant.
-
-        Its queued frames are lost; its frame on the bus continues.
+        """Detach a participant; queued frames are lost, one on the bus continues.
 
         Raises:
             ValueError: There is no such port.
@@ -180,10 +178,7 @@ class EmulatedWire:
         self._queues.put_off(event.at_ns, event)
 
     def take_reports(self) -> list[ControllerMessage]:
-        """Return the error messages since the last call, in order.
-
-        If they are not fetched, the oldest are dropped.
-        """
+        """Return the newest error messages since the last call, in order."""
         reports = list(self._confinement.reports)
         self._confinement.reports.clear()
         return reports
@@ -191,9 +186,7 @@ class EmulatedWire:
     # --- frames ---
 
     def offer(self, port: int, frame: Frame, at_ns: int) -> bool:
-        """Put a frame into a port's queue; return False if full.
-
-        A port that is bus-off has no room.
+        """Put a frame into a port's queue; False if full or bus-off.
 
         Raises:
             ValueError: There is no such port, `at_ns` lies in the past, or this is not a frame that can be on the wire.
@@ -220,9 +213,7 @@ class EmulatedWire:
         return self._queues.order
 
     def is_waiting(self, mark: int) -> bool:
-        """Return True while a frame is on the bus or queued.
-
-        Frames on their way to a queue count, too.
+        """Return True while a frame is queued, delayed, or on the bus.
 
         Args:
             mark: Instant before which a fault's delays do not count; a fault to come does not count either.
@@ -353,10 +344,7 @@ class EmulatedWire:
 
     @property
     def is_overloaded(self) -> bool:
-        """True while a frame waits too long or was just refused.
-
-        A refusal counts for one second.
-        """
+        """True while a frame waits too long, or 1 s after refusals."""
         refused = self._refused_ns is not None and self.now - self._refused_ns <= SECOND
         return refused or self.oldest_wait_ns > self._patience_ns
 

@@ -32,6 +32,13 @@ class EmulatorExitStatus(ToolExitStatus):
 EPILOG = epilog(status for status in EmulatorExitStatus if status is not EmulatorExitStatus.INTERNAL)
 """End of the tool's own help."""
 
+
+def ends(*more: EmulatorExitStatus, **own: str) -> str:
+    """Return a help's exit statuses: usual ones, more, and own sentences."""
+    usual = {EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED}
+    return epilog(sorted({*usual, *more}), {EmulatorExitStatus[name]: sentence for name, sentence in own.items()})
+
+
 AXES = AxisCompleter(Path(__file__).parents[1] / "robots")
 """Completers of axes of the robot file."""
 

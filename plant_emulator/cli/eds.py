@@ -7,13 +7,10 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_reference
-from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import AXES, EmulatorExitStatus, by_axis, exit_on_error, exit_on_value_error
+from drive_profiles.cli.console import fail
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, by_axis, ends, exit_on_error, exit_on_value_error
 
-EDS_EPILOG = epilog(
-    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.FILE: "a bad robot file, or the files cannot be written"},
-)
+EDS_EPILOG = ends(FILE="a bad robot file, or the files cannot be written")
 
 
 @command(epilog=EDS_EPILOG)

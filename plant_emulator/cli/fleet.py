@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, table
-from plant_emulator.cli.console import EmulatorExitStatus, exit_on_error, exit_on_value_error
+from drive_profiles.cli.console import fail, table
+from plant_emulator.cli.console import EmulatorExitStatus, ends, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:
     from plant_emulator.trials.rows import Row, Value
 
-EPILOG = epilog(
-    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.FILE: "a file already exists, or cannot be written"},
-)
+EPILOG = ends(FILE="a file already exists, or cannot be written")
 
 KindName = Literal["linear", "real", "any", "both"]
 
@@ -99,7 +96,7 @@ def fleet(
     """
     from drive_profiles.files.safefile import write_atomically
     from plant_emulator.rehearsal.many.seeds import seeds_of
-    from plant_emulator.trials.table import csv_text
+    from plant_emulator.trials.rows import csv_text
 
     home = _home(home_deg, tip_link, urdf)
     with exit_on_error():
@@ -136,8 +133,7 @@ def fleet(
 
 
 def _listed(out: Path) -> "list[Row]":
-    """Return the rows of the robots that are in the folder already."""
-    from plant_emulator.trials.table import read_rows
+    from plant_emulator.trials.rows import read_rows
 
     path = out / "robots.csv"
     if not path.exists():
@@ -150,7 +146,6 @@ def _listed(out: Path) -> "list[Row]":
 
 
 def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:
-    """Return the angles of `--home-deg`."""
     if urdf is None and (home_deg, tip_link) != (None, None):
         raise typer.BadParameter("needs --urdf; other arms are drawn", param_hint="--home-deg, --tip-link")
     try:
@@ -162,13 +157,9 @@ def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tupl
 
 
 def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_link: str | None) -> "tuple[str, str, Row]":
-    """Return the files and facts of a URDF arm with drives.
-
-    They are the robot file, its bench file, and the drawn values of the seed.
-    """
-    from plant_emulator.robots.blank_bench import blank_bench
+    """Return robot file, bench file and facts of a URDF arm."""
+    from plant_emulator.robots.blank_bench import blank_bench, file_text
     from plant_emulator.robots.drawn_arms import arm_facts, draw_drives
-    from plant_emulator.robots.writing import file_text
 
     robot = draw_drives(urdf.name, urdf.parent, home_deg, seed, tip_link)
     read = robot.with_links_read(urdf.parent)
@@ -178,11 +169,9 @@ def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_l
 
 
 def _drawn(seed: int, kind: str, arms: bool) -> "tuple[str, str, Row]":
-    """Return a seed's robot file, bench file, and drawn values."""
     from plant_emulator.rehearsal.many.one import drawn, facts
-    from plant_emulator.robots.blank_bench import blank_bench
+    from plant_emulator.robots.blank_bench import blank_bench, file_text
     from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
-    from plant_emulator.robots.writing import file_text
 
     if not arms:
         robot, bench = drawn(seed, kind)

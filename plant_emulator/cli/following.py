@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, print_json, progress, table
-from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error
+from drive_profiles.cli.console import fail, print_json, progress, table
+from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, ends, exit_on_error
 
 if TYPE_CHECKING:
     from plant_emulator.rehearsal.following.study import Outcome
 
-FOLLOWING_EPILOG = epilog(
-    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.DONE: "done, whatever the results", EmulatorExitStatus.FILE: "a path that cannot be written"},
-)
+FOLLOWING_EPILOG = ends(DONE="done, whatever the results", FILE="a path that cannot be written")
 MOST_ROBOTS = 10_000
 
 

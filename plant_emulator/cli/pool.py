@@ -42,14 +42,7 @@ def executors_of(on: str | None, jobs: int | None) -> "Executors":
 
 @contextmanager
 def trials(name: str, total: int, executors: "Executors", rest: Callable[[], str] = lambda: "") -> Iterator[Callable[..., None]]:
-    """Show the progress of trials; the loss or refusal of executors ends the command.
-
-    Args:
-        name: The trials, in the plural.
-        total: Number of trials.
-        executors: Their executors.
-        rest: End of the message of a loss: what was done, and how to go on.
-    """
+    """Show the progress of trials; the loss or refusal of executors ends the command."""
     from plant_emulator.trials.executors import ExecutorsLostError, ExecutorsRefusedError
 
     begin = time.monotonic()

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, print_json, table
+from drive_profiles.cli.console import fail, print_json, table
 from drive_profiles.cli.entry import interrupted
-from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, ends, exit_on_error, exit_on_value_error
 from plant_emulator.cli.fleet import KindName, KindOption, OutOption
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 
@@ -21,22 +21,14 @@ if TYPE_CHECKING:
     from plant_emulator.trials.executors import Executors
     from plant_emulator.trials.rows import Row
 
-EPILOG = epilog(
-    (
-        EmulatorExitStatus.DONE,
-        EmulatorExitStatus.USAGE,
-        EmulatorExitStatus.FILE,
-        EmulatorExitStatus.BUS,
-        EmulatorExitStatus.NOT_MET,
-        EmulatorExitStatus.INTERRUPTED,
-    ),
-    {
-        EmulatorExitStatus.DONE: "done, whatever the numbers",
-        EmulatorExitStatus.FILE: "bad file, or a folder that holds another rehearsal",
-        EmulatorExitStatus.BUS: "no scheduler, or it is lost",
-        EmulatorExitStatus.NOT_MET: "with --check: a goal is not reached",
-        EmulatorExitStatus.INTERRUPTED: "interrupted; finished robots are kept",
-    },
+EPILOG = ends(
+    EmulatorExitStatus.BUS,
+    EmulatorExitStatus.NOT_MET,
+    DONE="done, whatever the numbers",
+    FILE="bad file, or a folder that holds another rehearsal",
+    BUS="no scheduler, or it is lost",
+    NOT_MET="with --check: a goal is not reached",
+    INTERRUPTED="interrupted; finished robots are kept",
 )
 
 ARMS = "arms"
@@ -126,15 +118,12 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 def _run_missing(
     kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
 ) -> None:
-    """Run the missing robots.
-
-    They are arms if there is no kind. Each row is saved at once.
-    """
+    """Run the missing robots (arms without kind), saving each row at once."""
     from plant_emulator.rehearsal.arms.path import run_arm_seed
     from plant_emulator.rehearsal.many.one import kind_of, run_seed
     from plant_emulator.rehearsal.many.reading import is_quiet
     from plant_emulator.rehearsal.many.rows import crashed
-    from plant_emulator.trials.running import run_all
+    from plant_emulator.trials.executors import run_all
 
     there = kept.seeds()
     missing = [seed for seed in seeds if seed not in there]
@@ -173,7 +162,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import sections, write_page
     from plant_emulator.trials.page import as_markdown as tables_as_markdown
-    from plant_emulator.trials.table import write_table
+    from plant_emulator.trials.rows import write_table
 
     rows = kept.rows()
     if not rows:

@@ -5,12 +5,12 @@
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, print_json
+from drive_profiles.cli.console import fail, print_json
 from hil.control.treatments import PlainTreatmentName, present_token
 from hil.control.treatments import treatment as treatment_named
 from plant_emulator.cli.console import (
@@ -19,6 +19,7 @@ from plant_emulator.cli.console import (
     JsonOption,
     RobotOption,
     axis_numbers,
+    ends,
     exit_on_error,
     exit_on_value_error,
     show,
@@ -26,8 +27,6 @@ from plant_emulator.cli.console import (
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from hil.control.notch import Notch
     from hil.report.report_table import ReportTable
     from plant_emulator.robots.robot import Robot
@@ -37,19 +36,11 @@ if TYPE_CHECKING:
     from plant_emulator.studies.summary import Summary
     from plant_emulator.trials.executors import Executors
 
-ROBUSTNESS_EPILOG = epilog(
-    (
-        EmulatorExitStatus.DONE,
-        EmulatorExitStatus.USAGE,
-        EmulatorExitStatus.FILE,
-        EmulatorExitStatus.BUS,
-        EmulatorExitStatus.INTERRUPTED,
-    ),
-    {
-        EmulatorExitStatus.DONE: "done, whatever the fractions",
-        EmulatorExitStatus.FILE: "bad file, or a path that cannot be written",
-        EmulatorExitStatus.BUS: "no scheduler, or it is lost",
-    },
+ROBUSTNESS_EPILOG = ends(
+    EmulatorExitStatus.BUS,
+    DONE="done, whatever the fractions",
+    FILE="bad file, or a path that cannot be written",
+    BUS="no scheduler, or it is lost",
 )
 ExperimentName = Literal["constant-acceleration", "line-motion"]
 
@@ -154,7 +145,6 @@ def robustness(
 def _robot(
     name: str, tuning: Path | None, notch: Path | None
 ) -> "tuple[Robot, dict[int, TunedAxis], dict[int, tuple[Notch, ...]]]":
-    """Return the robot, and gains and filters by axis."""
     from plant_emulator.robots.robot import load_robot
 
     model = load_robot(name)
@@ -163,7 +153,6 @@ def _robot(
 
 
 def _spread(file: Path | None) -> "PlantSpread":
-    """Return the spread of the unknowns."""
     from drive_profiles.files.toml import load
     from plant_emulator.studies.spread import PlantSpread
 
@@ -190,7 +179,6 @@ def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxi
 
 
 def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[int, tuple["Notch", ...]]:
-    """Return filters by axis."""
     from plant_emulator.robots.tuning import load_tuning
 
     tables = {number: each.notch for number, each in tuned.items()}
@@ -200,7 +188,6 @@ def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[in
 
 
 def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int | None]:
-    """Return the axes of the option."""
     if given is None:
         return [*([number for number in sorted(model.axis) if number in filters] or sorted(model.axis))]
     return [*axis_numbers(given, model)]
@@ -234,7 +221,7 @@ def _many(
     as_json: bool,
 ) -> None:
     """Run many plants of each study; `options` are those that choose the plants."""
-    from plant_emulator.studies.many import judge_all
+    from plant_emulator.studies.robustness import judge_all
     from plant_emulator.studies.summary import document, summarise
     from plant_emulator.studies.tables import tables
 
@@ -267,10 +254,7 @@ def _repeat(summary: "Summary", options: Mapping[str, object]) -> list[str]:
 
 
 def _keep(out: Path, made: "Sequence[tuple[Summary, list[ReportTable]]]", whole: Mapping[str, object]) -> None:
-    """Write the result files.
-
-    They are one page and one JSON document of all studies, and a table of draws for each.
-    """
+    """Write page and JSON document, and each study's table of draws."""
     from drive_profiles.files.safefile import write_atomically, write_json
     from plant_emulator.studies.page import write_page
     from plant_emulator.studies.summary import draws_csv
@@ -305,19 +289,9 @@ def _one(studies: Sequence["Study"], index: int, out: Path | None, *, as_json: b
 
 def _run_csv(study: "Study", index: int) -> str:
     """Return the signals of one run as CSV, one line per SYNC."""
-    import numpy as np
-
-    from plant_emulator.trials.table import csv_text
+    from plant_emulator.studies.simulate import axis_columns
+    from plant_emulator.trials.rows import columns_csv
 
     motion = study.run(*study.draw(index))
-    run = motion.run
-    columns: dict[str, NDArray[Any]] = {"time_s": study.times}
-    for column, number in enumerate(study.axes):
-        signals = {
-            "reference_counts": study.set_points, "position_counts": run.position_counts,
-            "arm_angle_rad": run.arm_angle_rad, "torque_nm": run.torque_nm,
-        }  # fmt: skip
-        columns |= {f"axis{number}_{name}": signal[:, column] for name, signal in signals.items()}
-    columns |= {"tip_z_m_s2": run.tip_m_s2[:, 2], "measured_z_m_s2": motion.measured_m_s2}
-    rows = np.column_stack([*columns.values()]).tolist()
-    return csv_text([{name: f"{value:.10g}" for name, value in zip(columns, row, strict=True)} for row in rows])
+    tip = {"tip_z_m_s2": motion.run.tip_m_s2[:, 2], "measured_z_m_s2": motion.measured_m_s2}
+    return columns_csv({"time_s": study.times} | axis_columns(study.axes, study.set_points, motion.run) | tip)

@@ -11,13 +11,14 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail
+from drive_profiles.cli.console import fail
 from plant_emulator.cli.console import (
     AXES,
     EmulatorExitStatus,
     RobotOption,
     axis_numbers,
     by_axis,
+    ends,
     exit_on_error,
     exit_on_value_error,
 )
@@ -30,19 +31,11 @@ if TYPE_CHECKING:  # --help must not wait for them
     from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer
     from plant_emulator.world import World
 
-SERVE_EPILOG = epilog(
-    (
-        EmulatorExitStatus.DONE,
-        EmulatorExitStatus.USAGE,
-        EmulatorExitStatus.FILE,
-        EmulatorExitStatus.BUS,
-        EmulatorExitStatus.INTERRUPTED,
-    ),
-    {
-        EmulatorExitStatus.DONE: "stopped",
-        EmulatorExitStatus.FILE: "bad robot, fault, profile or EDS file",
-        EmulatorExitStatus.INTERRUPTED: "interrupted before it served",
-    },
+SERVE_EPILOG = ends(
+    EmulatorExitStatus.BUS,
+    DONE="stopped",
+    FILE="bad robot, fault, profile or EDS file",
+    INTERRUPTED="interrupted before it served",
 )
 
 
@@ -201,9 +194,11 @@ class _Changes(NamedTuple):
 
 
 def _robot(robot: str, changes: _Changes) -> "Robot":
-    """Return the robot of a file with the requested changes."""
-    from plant_emulator.robots.part import part_of  # noqa: PLC0415
-    from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
+    from plant_emulator.robots.robot import (  # noqa: PLC0415
+        load_robot,
+        part_of,
+        with_drives,
+    )
 
     with exit_on_error(), exit_on_value_error():
         model = load_robot(robot)
@@ -221,10 +216,7 @@ def _robot(robot: str, changes: _Changes) -> "Robot":
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
-    """Stop the server orderly on a signal.
-
-    Signals are Ctrl-C, SIGTERM and, with `until_stdin_closes`, the end of standard input.
-    """
+    """Stop the server on Ctrl-C, SIGTERM or, if asked, closed standard input."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     if until_stdin_closes:
@@ -250,7 +242,6 @@ def _run(server: "Server | Attachment") -> None:
 
 
 def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
-    """Parse the served addresses: the bus, and the TCP port."""
     from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
 

@@ -1,20 +1,18 @@
 """plant-emulator simulate: an experiment without a bus."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, exit_on_error, exit_on_value_error
+from drive_profiles.cli.console import fail
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, ends, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:  # --help must not wait for them
     from plant_emulator.studies.simulate import Simulation
 
-SIMULATE_EPILOG = epilog(
-    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED)
-)
+SIMULATE_EPILOG = ends()
 
 
 @command(epilog=SIMULATE_EPILOG)
@@ -53,22 +51,10 @@ def simulate(
 
 
 def _write(result: "Simulation", out: Path) -> None:
-    """Write the signals of a run, a line per SYNC."""
-    import numpy as np  # noqa: PLC0415
+    from plant_emulator.studies.simulate import axis_columns  # noqa: PLC0415
+    from plant_emulator.trials.rows import columns_csv  # noqa: PLC0415
 
-    names: list[str] = ["time_s"]
-    columns: list[Any] = [result.time_s]
-    for column, number in enumerate(result.axes):
-        for name, values in (
-            ("reference_counts", result.reference_counts),
-            ("position_counts", result.position_counts),
-            ("arm_angle_rad", result.arm_angle_rad),
-            ("torque_nm", result.torque_nm),
-        ):
-            names.append(f"axis{number}_{name}")
-            columns.append(values[:, column])
-    for column, name in enumerate(("x", "y", "z")):
-        names.append(f"tip_{name}_m_s2")
-        columns.append(result.tip_acceleration_m_s2[:, column])
+    tip = {f"tip_{name}_m_s2": result.tip_acceleration_m_s2[:, column] for column, name in enumerate("xyz")}
+    columns = {"time_s": result.time_s} | axis_columns(result.axes, result.reference_counts, result) | tip
     out.parent.mkdir(parents=True, exist_ok=True)
-    np.savetxt(out, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.10g")
+    out.write_text(columns_csv(columns), encoding="ascii", newline="\n")

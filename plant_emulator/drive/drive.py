@@ -1,7 +1,8 @@
 """The emulated servo drive, joined to one axis of the robot."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from drive_profiles.standard.cia301 import EmergencyCode, NmtState, SdoAbortCode
 from drive_profiles.standard.cia402 import (
@@ -17,17 +18,19 @@ from drive_profiles.standard.units import Scaling
 from hil.can.frame import Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.binding.process_data import SHARED, DriveData, share_set_points
+from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
+from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.family.choice import family_of
 from plant_emulator.drive.faults import FAULTS, NOT_OPERATIONAL, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
 from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
 from plant_emulator.drive.modes.selection import ModeSelection
 from plant_emulator.drive.modes.table import modes_of
-from plant_emulator.drive.option_codes import OptionCodes
 from plant_emulator.drive.power_stage import PowerStage
-from plant_emulator.drive.signals import AxisSignals
 from plant_emulator.drive.state_machine import (
     Action,
+    DriveStatus,
+    Options,
     Power,
     Step,
     commanded,
@@ -38,13 +41,62 @@ from plant_emulator.drive.state_machine import (
     stopped,
     torque_lost,
 )
-from plant_emulator.drive.status import DriveStatus
 from plant_emulator.drive.touch_probe import TouchProbes
 from plant_emulator.motion import record
-from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.axes import Axes, live
+from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.slave.delays import slave_with
 from plant_emulator.slave.dictionary import Cell, ReadHook, ResetKind
 from plant_emulator.slave.node import SlaveNode
+
+
+def _check_homing_method(method: int) -> SdoAbortCode | None:
+    return None if method in {0, *HOMING_METHODS} else SdoAbortCode.INVALID_VALUE
+
+
+class OptionCodes:
+    """Option codes of one drive.
+
+    The limits of their entries state the permitted values.
+
+    Homing methods are not contiguous, so limits cannot state them: methods that do not exist are refused (0609 0030h),
+    unless the maker states the entry.
+    """
+
+    def __init__(self, family: DriveFamily, behaviour: Behaviour) -> None:
+        dictionary = family.dictionary
+        if not family.states((Object.HOMING_METHOD, 0)):
+            dictionary.on_write(Object.HOMING_METHOD, 0, _check_homing_method)
+        self._quick_stop, self._shutdown = dictionary.cell(Object.QUICK_STOP_OPTION), dictionary.cell(Object.SHUTDOWN_OPTION)
+        self._disable = dictionary.cell(Object.DISABLE_OPERATION_OPTION)
+        self._fault_reaction = dictionary.cell(Object.FAULT_REACTION_OPTION)
+        self._ends = behaviour.quick_stop_ends_disabled_at_once
+
+    def now(self) -> Options:
+        """Return the options in force."""
+        return Options(
+            self._quick_stop.value,  # type: ignore[arg-type] # whole numbers, all of them
+            self._shutdown.value,  # type: ignore[arg-type]
+            self._disable.value,  # type: ignore[arg-type]
+            self._fault_reaction.value,  # type: ignore[arg-type]
+            self._ends,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSignals:
+    """Live columns of `MOTION` (see there), arrays over the axes' rows."""
+
+    trip: Any
+    event: Any
+    limited: Any
+    stopped: Any
+    following_count: Any
+
+    @classmethod
+    def of(cls, axes: Axes) -> "AxisSignals":
+        """Return the columns of these axes."""
+        return cls(*(live(axes.motion, name) for name in ("trip", "event", "limited", "stopped", "following_count")))
 
 
 class DelayedTransition(NamedTuple):
@@ -67,14 +119,8 @@ class Drive(SlaveNode):
     `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
 
     Attributes:
-        axes: The mechanics.
         row: Row of the axis in `Axes.rows`.
         behaviour: The quirks that the robot file gives the drive.
-        data: The process data, between the dictionary and the axis.
-        stage: The power stage.
-        inputs: The digital inputs, safe torque off among them.
-        probes: The touch probes.
-        limit_switches: Effect of the limit switches on the motion.
         family: The drive's family: which drive it is, and what of it is not emulated.
         on_state: Called with the state before and the new one, before the power stage follows.
         on_change: Called when the status or the units have changed: the process image has to be written anew.
@@ -85,10 +131,6 @@ class Drive(SlaveNode):
         """Join an axis to a node.
 
         The node-ID is that of the robot file.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
 
         Raises:
             DriveProfileError: There is no such profile, or its file or the EDS file has errors.
@@ -193,9 +235,6 @@ class Drive(SlaveNode):
         It may have exceeded a limit, finished a stop, or come to the next set-point.
 
         Call this after each advance of the axes.
-
-        Args:
-            now: The time, in ns.
         """
         row, signals = self.row, self._signals
         trip = signals.trip[row]

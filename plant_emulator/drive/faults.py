@@ -1,7 +1,4 @@
-"""A drive's faults, with their names and error codes.
-
-They are reported in 603Fh, 1001h, 1003h and the emergencies.
-"""
+"""A drive's faults, reported in 603Fh, 1001h, 1003h and emergencies."""
 
 from collections.abc import Callable
 
@@ -40,8 +37,6 @@ _CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
 class DriveFaults:
     """Report of faults, and their withdrawal.
 
-    The state machine decides on their effect on the motion.
-
     603Fh is the lower half of 1003h:01h (CiA 402-2): the last error of the whole node, including missing parameters and
     communication errors. A fault reset leaves 603Fh and the history; 603Fh is 0 when 1003h:00h is cleared, or the node
     reset.
@@ -51,15 +46,14 @@ class DriveFaults:
     """
 
     def __init__(self, slave: Slave) -> None:
-        """Keep a reference to the node."""
         self.on_lack: Callable[[], None] = lambda: None
         self._slave = slave
-        slave.dictionary.on_read(Object.ERROR_CODE, 0, lambda: slave.last_error_code)
+        slave.dictionary.on_read(Object.ERROR_CODE, 0, lambda: slave.emergencies.last_code)
         self._connection: int | None = None
 
     def report(self, cause: str, code: int) -> None:
         """Report a fault."""
-        self._slave.raise_emergency(cause, code, ErrorRegister.PROFILE)
+        self._slave.emergencies.raise_cause(cause, code, ErrorRegister.PROFILE)
 
     def report_connection(self, code: int) -> None:
         """Report that the connection to the master is lost.
@@ -67,7 +61,7 @@ class DriveFaults:
         If the node has just reported the same code, no second emergency is sent.
         """
         self._connection = code
-        self._slave.join_emergency(CONNECTION, code, ErrorRegister.COMMUNICATION)
+        self._slave.emergencies.join_cause(CONNECTION, code, ErrorRegister.COMMUNICATION)
 
     def repeat_connection(self) -> None:
         """Report the lost connection again.
@@ -75,36 +69,33 @@ class DriveFaults:
         After a communication reset the node has no errors, but the drive still has its fault.
         """
         if self._connection is not None:
-            self._slave.join_emergency(CONNECTION, self._connection, ErrorRegister.COMMUNICATION)
+            self._slave.emergencies.join_cause(CONNECTION, self._connection, ErrorRegister.COMMUNICATION)
 
     def forget(self) -> None:
         """Drop the lost connection, after a reset of the node."""
         self._connection = None
 
     def report_lack(self, lack: str | None) -> None:
-        """Report what prevents enabling or a change of mode.
-
-        A lack that has ended is withdrawn.
-        """
+        """Report what prevents enabling or a mode change; withdraw it once ended."""
         for cause in LACKS:
             if cause == lack:
-                self._slave.raise_emergency(cause, PARAMETER_FAULT, ErrorRegister.PROFILE)
+                self._slave.emergencies.raise_cause(cause, PARAMETER_FAULT, ErrorRegister.PROFILE)
                 break
-            self._slave.clear_emergency(cause)
+            self._slave.emergencies.clear_cause(cause)
         self.on_lack()
 
     def end_lack(self, lack: str) -> None:
         """Withdraw a lack that has ended."""
-        self._slave.clear_emergency(lack)
+        self._slave.emergencies.clear_cause(lack)
         self.on_lack()
 
     @property
     def is_lacking(self) -> bool:
         """True if something is lacking, and nothing has changed since."""
-        return any(cause in LACKS for cause in self._slave.emergency_causes)
+        return any(cause in LACKS for cause in self._slave.emergencies.causes)
 
     def clear(self) -> None:
         """Withdraw all causes at a fault reset; the history keeps them."""
         self.forget()
         for cause in _CAUSES:
-            self._slave.clear_emergency(cause)
+            self._slave.emergencies.clear_cause(cause)

@@ -13,10 +13,14 @@ stop when the motor is at rest.
 Source: CiA 402-2 (IEC 61800-7-201), device control: state machine and option codes 6007h, 605Ah to 605Eh.
 """
 
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
 from drive_profiles.standard.cia402 import (
+    REMOTE,
+    VOLTAGE_ENABLED,
+    WARNING,
     AbortConnectionOption,
     DisableOperationOption,
     Event,
@@ -27,6 +31,7 @@ from drive_profiles.standard.cia402 import (
     State,
     next_state,
     state_after,
+    status_bits,
 )
 
 
@@ -118,26 +123,17 @@ _STOP_OF_HALT: dict[int, Stop] = {
 
 
 def stop_of_quick_stop(option: int) -> Stop:
-    """Return the stop that 605Ah demands.
-
-    A family's own code means the quick-stop ramp.
-    """
+    """Return 605Ah's stop; a family's own code means the quick-stop ramp."""
     return _STOP_OF_QUICK_STOP.get(option, Stop.QUICK_STOP_RAMP)
 
 
 def stop_of_fault_reaction(option: int) -> Stop:
-    """Return the stop that 605Eh demands.
-
-    A family's own code means the quick-stop ramp.
-    """
+    """Return 605Eh's stop; a family's own code means the quick-stop ramp."""
     return _STOP_OF_FAULT_REACTION.get(option, Stop.QUICK_STOP_RAMP)
 
 
 def stop_of_halt(option: int) -> Stop:
-    """Return the stop that 605Dh demands.
-
-    A family's own code means the slow-down ramp.
-    """
+    """Return 605Dh's stop; a family's own code means the slow-down ramp."""
     return _STOP_OF_HALT.get(option, Stop.SLOW_DOWN_RAMP)
 
 
@@ -146,11 +142,6 @@ def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTION
 
     A drive calls it until nothing changes any more: switch on and enable in one word is transition 3, then 4. A caller that
     must not energise now keeps the state of before.
-
-    Args:
-        power: Before.
-        control_word: 6040h in force.
-        options: The option codes.
     """
     quick_stop_option = QuickStopOption.DISABLE if options.quick_stop_ends else options.quick_stop
     before = power.state
@@ -172,10 +163,7 @@ def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTION
 
 
 def initialised(power: Power) -> Step:
-    """Return transitions 0 and 1, after power-on or a reset.
-
-    The control word is discarded.
-    """
+    """Return transitions 0 and 1 after power-on or reset, without control word."""
     return Step(Power(state_after(state_after(power.state, Event.POWERED), Event.INITIALISED)), Action.RELEASE)
 
 
@@ -252,3 +240,40 @@ def restarted(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> 
     if power.state is State.QUICK_STOP_ACTIVE:
         return Step(after)
     return Step(after, Action.STOP, stop_of_quick_stop(options.quick_stop))
+
+
+@dataclass(frozen=True, slots=True)
+class DriveStatus:
+    """A state of the power drive system with its consequences.
+
+    They are precomputed, since an enum lookup costs more than the rest of the status word.
+
+    Attributes:
+        is_powered: True if the motor is, or may be, under torque.
+        is_enabled: True if the state is Operation enabled.
+        is_stopping: True if the motor is being brought to rest, after which the state changes or the motor is held.
+        is_following: True if the drive is enabled and not being brought to rest.
+        plain_word: The status word without the bits that the mode and the motion add.
+    """
+
+    power: Power
+    is_powered: bool
+    is_enabled: bool
+    is_stopping: bool
+    is_following: bool
+    plain_word: int
+
+    @classmethod
+    def of(cls, power: Power, *, torque_off: bool = False, lack: bool = False) -> "DriveStatus":
+        """Derive everything from the state machine.
+
+        Args:
+            power: The memory of the state machine.
+            torque_off: True if safe torque off is active: then the voltage is not enabled.
+            lack: True if a mode has been kept from acting: the status word shows it as a warning.
+        """
+        is_powered = power.state in POWERED
+        is_enabled = power.state is State.OPERATION_ENABLED
+        is_stopping = is_powered and (not is_enabled or power.leaving is not None)
+        word = status_bits(power.state) | REMOTE | (0 if torque_off else VOLTAGE_ENABLED) | (WARNING if lack else 0)
+        return cls(power, is_powered, is_enabled, is_stopping, is_enabled and not is_stopping, word)

@@ -109,13 +109,7 @@ class TouchProbes:
     """Both probes of a drive, and their objects."""
 
     def __init__(self, dictionary: Dictionary, inputs: DigitalInputs, to_user: Callable[[float], int]) -> None:
-        """Bind 60B8h, 60B9h and 60D0h.
-
-        Args:
-            dictionary: Object dictionary of the drive.
-            inputs: Digital inputs of the drive.
-            to_user: The position that the user reads at these counts of the encoder.
-        """
+        """Bind 60B8h, 60B9h and 60D0h."""
         self._dictionary = dictionary
         self._probes = tuple(TouchProbe(number, dictionary, inputs, to_user) for number in (1, 2))
         dictionary.on_write(Object.TOUCH_PROBE_FUNCTION, 0, self._write_function)

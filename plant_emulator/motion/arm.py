@@ -6,10 +6,18 @@ from numpy.typing import NDArray
 from hil.arm.mounting import Mounting
 from hil.arm.tables import ArmTable
 from plant_emulator.core import CORE
-from plant_emulator.physics.articulated import holding_torques, link_rows
+from plant_emulator.physics.articulated import (
+    ACCELERATION,
+    POSITION,
+    ROWS,
+    SPECIFIC_FORCE,
+    VELOCITY,
+    holding_torques,
+    link_rows,
+    sensor_rows,
+    tool_rows,
+)
 from plant_emulator.physics.axis import synchronous_error
-from plant_emulator.physics.mounted import sensor_rows
-from plant_emulator.physics.tool import ACCELERATION, POSITION, ROWS, SPECIFIC_FORCE, VELOCITY, tool_rows
 
 Real = NDArray[np.float64]
 

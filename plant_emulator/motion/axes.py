@@ -1,7 +1,4 @@
-"""All axes of a robot as arrays.
-
-The control period of `period.h` works on them, and the tip feels them.
-"""
+"""All axes of a robot as arrays for `period.h`, and the tip."""
 
 import math
 from collections.abc import Sequence
@@ -217,10 +214,7 @@ class Axes:
         return counts
 
     def change_mode(self, row: int, mode: int, periods_per_set_point: int = 1) -> None:
-        """Change the mode of an axis under torque without a jump.
-
-        See `begin_mode` of `transitions.h`.
-        """
+        """Change an axis' mode under torque without a jump; see `begin_mode`."""
         if self._mode[row] == BRAKED:
             raise ValueError(f"axis {self.numbers[row]} has its brake closed; open_brake opens it")
         self.motion[row]["periods_per_set_point"] = periods_per_set_point
@@ -234,10 +228,7 @@ class Axes:
         CORE.call.begin_stop(self._axes + row, deceleration_rad_s2)
 
     def set_point(self, row: int, target_counts: int) -> None:
-        """Give an axis in cyclic position mode its next set-point.
-
-        See `set_point` of `period.h`.
-        """
+        """Give an axis in cyclic position mode its next set-point; see `period.h`."""
         CORE.call.set_point(self._axes + row, target_counts, self._control_period_s)
 
     def set_speed(self, row: int, speed_rad_s: float) -> None:
@@ -251,9 +242,7 @@ class Axes:
         self._target_speed[row], self._elapsed_periods[row] = speed_rad_s, 0
 
     def tip_acceleration(self) -> tuple[float, float, float]:
-        """Return the true acceleration (X, Y, Z) of the tip in m/s².
-
-        Gravity is left out.
+        """Return the tip's true acceleration (X, Y, Z) in m/s², without gravity.
 
         While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
         inwards. Otherwise the planar chain of the geometry moves it; a robot without a geometry adds the levers up. The links of
@@ -292,10 +281,7 @@ def tip_of(robot: Robot) -> MovedTip:
 
 
 def response_of(robot: Robot) -> SensorResponse | None:
-    """Return the response of the robot's accelerometer.
-
-    None if it shows the tip's acceleration of the instant.
-    """
+    """Return the accelerometer's response; None if it shows the instant's acceleration."""
     sensor = robot.accelerometer
     if not sensor.filters:
         return None

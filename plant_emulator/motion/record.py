@@ -1,7 +1,4 @@
-"""A drive's process data; see `record.h`.
-
-Object dictionary and control period exchange it.
-"""
+"""A drive's process data between object dictionary and control period; see `record.h`."""
 
 import math
 

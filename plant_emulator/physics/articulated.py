@@ -1,4 +1,4 @@
-"""Links of an arm as the articulated-body algorithm of `articulated.h` reads them."""
+"""Links, tip and sensor of an arm as the articulated-body algorithm of `articulated.h` reads them."""
 
 import math
 from typing import Any
@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.arm.rotation import turn
+from hil.arm.mounting import Mounting
+from hil.arm.rotation import rotation, turn
 from hil.arm.tables import ArmTable
 from plant_emulator.core import CORE
 
@@ -82,3 +83,43 @@ def _arrays(links: NDArray[np.void], joints: Real) -> tuple[Any, int, Any]:
     if joints.shape != (CORE.call.JOINT_ROWS, count):
         raise ValueError(f"joints have shape {joints.shape} where {count} links ask for {(CORE.call.JOINT_ROWS, count)}")
     return CORE.pointer(links, "link"), count, CORE.pointer(joints)
+
+
+POSITION: int = CORE.call.TOOL_POSITION
+VELOCITY: int = CORE.call.TOOL_VELOCITY
+ACCELERATION: int = CORE.call.TOOL_ACCELERATION
+SPECIFIC_FORCE: int = CORE.call.TOOL_SPECIFIC_FORCE
+ROWS: int = CORE.call.TOOL_ROWS
+"""Rows of the array that `tool_motion` writes."""
+
+
+def tool_rows(arm: ArmTable) -> Real:
+    """Return the tool in its link's frame; shape (4, 3).
+
+    Place of the tip, then the tool's frame; the link is the last one of `link_rows`.
+    """
+    along = along_z(arm.link[-1].unit_direction())
+    frame = rotation(*map(math.radians, arm.tip_rpy_deg))
+    return np.vstack([along.T @ np.array(arm.tip_m), along.T @ frame])
+
+
+SENSOR_ROWS: int = CORE.call.SENSOR_ROWS
+"""Origin, three of the frame, and what it is: number of its link (0: none, an ideal sensor), 1 where it feels its weight."""
+
+
+def sensor_rows(arm: ArmTable, mounting: Mounting | None) -> Real:
+    """Return a sensor in the frame of its link; shape (5, 3).
+
+    The links are those of `link_rows`.
+
+    Args:
+        arm: The arm, its URDF file read.
+        mounting: Where the sensor sits; None: an ideal one at the tip, along the axes of the base.
+    """
+    rows = np.zeros((SENSOR_ROWS, 3))
+    if mounting is not None:
+        of = mounting.frame(arm)
+        along = along_z(arm.link[of.link - 1].unit_direction())
+        rows[0], rows[1:4] = along.T @ of.origin_m, along.T @ of.frame
+        rows[4, 0], rows[4, 1] = of.link, 1.0 if mounting.gravity else 0.0
+    return rows

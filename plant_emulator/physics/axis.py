@@ -1,7 +1,4 @@
-"""One axis: motor and arm joined by a harmonic drive gearing.
-
-`axis.h` states its equations of motion.
-"""
+"""Motor and arm joined by a harmonic drive gearing; equations in `axis.h`."""
 
 from typing import Any
 
@@ -35,3 +32,14 @@ def hang_at_rest(plant: Record, state: Record) -> None:
     The gear carries the load, so θ_l hangs below θ_m/N + θ_sync.
     """
     CORE.call.hang_at_rest(CORE.pointer(plant, "plant"), CORE.pointer(state, "plant_state"))
+
+
+SMOOTHING_S, TURNING_RAD_S = CORE.constants["SMOOTHING_S"], CORE.constants["TURNING_RAD_S"]
+LINES: int = CORE.call.LINES
+"""Orders that a `CHANGE` record has numbers for: 1, 2 and 4, then the others."""
+CHANGE, PAST = CORE.dtype("change"), CORE.dtype("past")
+
+
+def put_error(change: Record, past: Record, plant: Record) -> None:
+    """Update the axis' constants to the present transmission error."""
+    CORE.call.put_error(CORE.pointer(change, "change"), CORE.pointer(past, "past"), CORE.pointer(plant, "plant"))

@@ -28,9 +28,7 @@ SECTIONS = CORE.dtype("sections")
 
 
 class SensorResponse:
-    """Response of an accelerometer to the motion of its tip.
-
-    It is at rest until it is driven.
+    """Response of an accelerometer to its tip's motion, from rest.
 
     Args:
         period_s: Sampling period of the true acceleration, the control period.

@@ -48,9 +48,7 @@ class MovedTip:
 
 
 class TipSensor:
-    """Noise and resolution of the accelerometer.
-
-    It is seeded, with one draw of three values per sample.
+    """Noise and resolution of the accelerometer, seeded, three values per sample.
 
     Args:
         noise_m_s2: Standard deviation of the white noise of each sample.

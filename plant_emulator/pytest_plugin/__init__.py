@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from plant_emulator.pytest_plugin.emulated import EmulatedRobot
     from plant_emulator.pytest_plugin.enabled_drive import EnabledDrive
     from plant_emulator.pytest_plugin.injection import FaultInjection
-    from plant_emulator.pytest_plugin.master import BenchSession
-    from plant_emulator.pytest_plugin.readings import AccelerometerReadings
-    from plant_emulator.pytest_plugin.served import ServedBus
-    from plant_emulator.pytest_plugin.target import Target
+    from plant_emulator.pytest_plugin.master import AccelerometerReadings, BenchSession
+    from plant_emulator.pytest_plugin.target import ServedBus, Target
     from plant_emulator.robots.robot import Robot
 
 _ARTEFACTS: pytest.StashKey["Artefacts"] = pytest.StashKey()
@@ -171,7 +169,7 @@ def hil_serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "
 
     `hil_serve_local_bus("--seed", "2", robot="robot.toml")` takes the options of `plant-emulator serve`.
     """
-    from plant_emulator.pytest_plugin.served import local_bus_servers  # noqa: PLC0415
+    from plant_emulator.pytest_plugin.target import local_bus_servers  # noqa: PLC0415
 
     with local_bus_servers(pytestconfig) as start:
         yield start
@@ -212,7 +210,7 @@ def hil_accelerometer(hil_session: "BenchSession") -> "AccelerometerReadings":
     `read()` returns X, Y, Z in m/s². A test for an emulated and a real robot subtracts the reading at rest. An emulated arm
     with `[accelerometer.mounting]` measures gravity.
     """
-    from plant_emulator.pytest_plugin.readings import AccelerometerReadings  # noqa: PLC0415
+    from plant_emulator.pytest_plugin.master import AccelerometerReadings  # noqa: PLC0415
 
     return AccelerometerReadings(hil_session)
 

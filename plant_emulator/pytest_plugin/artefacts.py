@@ -32,7 +32,6 @@ class FrameLog(BusLog):
     """The latest frames of a bus, with the bench's time."""
 
     def __init__(self) -> None:
-        """Start with no frames."""
         super().__init__(None)
         self.is_on = True  # the master always writes its frames to this log
         self.frames: deque[tuple[int, Frame]] = deque(maxlen=MAX_FRAMES)
@@ -67,12 +66,10 @@ class Artefacts:
     """Frame log and runs of one test, in memory until it fails.
 
     Attributes:
-        trace: Frames of its bus.
         is_saved: True once they are on disk.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Start with no frames and no runs."""
         self.trace = FrameLog()
         self.is_saved = False
         self._directory = directory

@@ -1,7 +1,4 @@
-"""The emulated robot in the test's own process.
-
-Time is virtual, and tests can interfere with the frames of the channel.
-"""
+"""The emulated robot in the test's own process, in virtual time."""
 
 from functools import partial
 from types import MappingProxyType
@@ -22,10 +19,7 @@ from plant_emulator.world import SECOND, World
 
 
 class EmulatedChannel(InProcessChannel):
-    """The bus in one process, with faults of frames.
-
-    The faults occur between the bus and the master.
-    """
+    """The bus in one process, with faults between bus and master."""
 
     def __init__(self, world: World, medium: Medium, bitrate: int | None, interference: Interference) -> None:
         """Join the bus; the nodes are powered on."""
@@ -86,14 +80,9 @@ class EmulatedChannel(InProcessChannel):
 
 
 class EmulatedRobot:
-    """The world behind the bench.
-
-    A test can inspect it and let its time pass.
+    """The world behind the bench, which tests inspect and advance.
 
     Attributes:
-        model: Its robot file.
-        world: All nodes and the mechanics.
-        channel: The bus.
         drives: The emulated drives by axis number.
     """
 

@@ -63,7 +63,6 @@ class WallKeeper(Keeper):
     """
 
     def __init__(self) -> None:
-        """Start the thread."""
         self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
         self._error: BaseException | None = None
         self._before_s = sys.getswitchinterval()
@@ -134,7 +133,6 @@ class EnabledDrive:
     Positions are the motor's, in revolutions.
 
     Attributes:
-        number: Number of its axis.
         axis: The drive as the master sees it.
         limits: Limits of the bench file.
     """

@@ -33,7 +33,6 @@ class FaultInjection:
     """
 
     def __init__(self, target: Target) -> None:
-        """Start without faults."""
         self._target = target
         target.channel()
 
@@ -67,19 +66,7 @@ class FaultInjection:
         self, can_id: int, delay_s: float, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
         count: int | None = None,
     ) -> BusFaults:  # fmt: skip
-        """Delay frames.
-
-        Args:
-            can_id: Identifier of the frames.
-            delay_s: Delay of each frame.
-            after_s: Time from now until it begins.
-            for_s: Duration; None: to the end of the test.
-            every: n, so that every n-th such frame is delayed.
-            count: Largest number of frames; None: no limit.
-
-        Returns:
-            The fault at work; its `hits` counts the delayed frames.
-        """
+        """Delay frames by so much; the others as of `lose`. The `hits` of the result count them."""
         self._needs_emulation("delayed set-points would reach a real robot")
         return self._apply(Fault("delay", can_id, delay_ns=round(SECOND * delay_s), every=every, count=count), after_s, for_s)
 
@@ -87,19 +74,7 @@ class FaultInjection:
         self, can_id: int, copies: int = 1, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
         count: int | None = None,
     ) -> BusFaults:  # fmt: skip
-        """Repeat frames, so that they arrive more than once.
-
-        Args:
-            can_id: Identifier of the frames.
-            copies: Number of additional frames.
-            after_s: Time from now until it begins.
-            for_s: Duration; None: to the end of the test.
-            every: n, so that every n-th such frame is repeated.
-            count: Largest number of frames; None: no limit.
-
-        Returns:
-            The fault at work; its `hits` counts the repeated frames.
-        """
+        """Send so many copies of frames; the others as of `lose`. The `hits` of the result count the frames."""
         self._needs_emulation("doubled frames would reach a real robot")
         return self._apply(Fault("duplicate", can_id, copies=copies, every=every, count=count), after_s, for_s)
 
@@ -117,9 +92,6 @@ class FaultInjection:
             for_s: Duration; None: to the end of the test.
             every: n, so that every n-th such frame is hit.
             count: Largest number of frames; None: no limit.
-
-        Returns:
-            The fault at work; its `hits` counts the frames.
         """
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:

@@ -19,7 +19,6 @@ class LiveFaults:
     events: tuple[BusEvent, ...] = ()
 
     def __init__(self) -> None:
-        """Start without faults."""
         self.faults: list[BusFaults] = []
 
     def add(self, fault: Fault) -> BusFaults:
@@ -63,7 +62,6 @@ class Interference:
     """
 
     def __init__(self, trace: FrameLog) -> None:
-        """Start with nothing planned."""
         self.trace = trace
         self.frames = LiveFaults()
         self.wire: LiveFaults | None = None

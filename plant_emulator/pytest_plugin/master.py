@@ -1,7 +1,4 @@
-"""The master in a test.
-
-Its runs are kept in case the test fails. Ctrl-C ends a motion by a ramp, and then the tests.
-"""
+"""The master in a test, whose runs are kept if it fails."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -9,11 +6,14 @@ from typing import Self
 
 import pytest
 
+from drive_profiles.standard.cia301 import DataType
 from hil.bench.bench import Bench
 from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NoAnswerError, NotPossibleError
 from hil.master.cyclic import CyclicExchange
+from hil.master.drive.mapping import ACCELERATION_OBJECT
 from hil.master.motion import FilterUse, LoopName, Motion, RunResult
+from hil.master.sensor import DIGITS_OBJECT
 from hil.master.session import Session
 from hil.master.set_point_adder import SetPointAdder
 from plant_emulator.pytest_plugin.target import Target
@@ -23,12 +23,10 @@ class BenchSession(Session):
     """A session with its target.
 
     Attributes:
-        target: Bus on which the session runs.
         held: The exchange with the drive that a fixture has enabled, if one has.
     """
 
     def __init__(self, target: Target, bench: Bench) -> None:
-        """Open the bus; nothing is sent."""
         super().__init__(bench, target.channel(), target.log)
         self.target = target
         self.held: CyclicExchange | None = None
@@ -60,14 +58,6 @@ class BenchSession(Session):
         shows_filter: bool = True,
     ) -> RunResult:
         """Make one run; its result is kept if the test fails.
-
-        Args:
-            motion: Motion of the axes.
-            filters: Use of the filters.
-            loop: `host` or `drive`, which closes the loop.
-            adder: Adder to the set-points of a drive-closed run.
-            fixed: Filters by axis instead of the variable ones; host-closed only.
-            shows_filter: Record the state of the drives' first filter.
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the axes have come to rest.
@@ -104,3 +94,33 @@ def open_session(target: Target, bench: Bench) -> Iterator[BenchSession]:
         opened.close()
     if opened.not_restored and not target.interference.is_used:
         pytest.fail("these objects of the bench were not restored: " + "; ".join(opened.not_restored), pytrace=False)
+
+
+class AccelerometerReadings:
+    """X, Y and Z at the tip."""
+
+    def __init__(self, session: BenchSession) -> None:
+        self._session = session
+
+    def read(self) -> tuple[float, float, float]:
+        """Read the acceleration in m/s².
+
+        It is that of the last cycle while a drive is enabled, else that of an extra SYNC.
+
+        Raises:
+            HilError: It does not answer.
+            NotPossibleError: It is not on the bus.
+        """
+        session = self._session
+        if session.held is not None:
+            return session.held.tip_m_s2
+        node, network = session.bench.accelerometer.node_id, session.network
+        if node is None:
+            raise NotPossibleError("a serial accelerometer is read only during a run; read the columns of its recording")
+        network.sync()
+        x, y, z = (
+            network.read(node, ACCELERATION_OBJECT, sub, DataType.INTEGER16, "acceleration")
+            * 10.0 ** -network.read(node, DIGITS_OBJECT, sub, DataType.UNSIGNED8, "decimal digits")
+            for sub in (1, 2, 3)
+        )
+        return x, y, z

@@ -1,7 +1,10 @@
 """The target of a test."""
 
+import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 import pytest
@@ -13,6 +16,7 @@ from hil.can.channel import Channel, OneByOne
 from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import Frame
 from hil.can.opening import open_channel
+from hil.emulator import EmulatorProcess
 from hil.recording import BusLog
 from plant_emulator.pytest_plugin.artefacts import Artefacts
 from plant_emulator.pytest_plugin.emulated import EmulatedRobot
@@ -25,15 +29,10 @@ PORT_OF_THE_BUS, PORT_OF_THE_MASTER = 0, 1000
 
 
 class RealChannel(OneByOne):
-    """An existing bus, with optional loss of frames.
-
-    Frames are lost between the bus and the master if the test demands it.
-    """
+    """An existing bus, with loss of frames if the test demands it."""
 
     def __init__(self, inner: Channel, interference: Interference) -> None:
-        """Wrap an open bus."""
-        self._inner = inner
-        self.interference = interference
+        self._inner, self.interference = inner, interference
         self.address = inner.address
         self.is_lock_step, self.waits = inner.is_lock_step, inner.waits
         self.lost = False
@@ -41,10 +40,7 @@ class RealChannel(OneByOne):
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost because buffers were full.
-
-        It is None if they are not counted.
-        """
+        """Received frames lost in full buffers; None if they are not counted."""
         return self._inner.overflows
 
     def send(self, frame: Frame) -> None:
@@ -88,7 +84,6 @@ class Target:
     """
 
     def __init__(self, config: pytest.Config, bench: Bench, artefacts: Artefacts, robot: EmulatedRobot | None = None) -> None:
-        """Open nothing but the emulated robot."""
         self.config, self.bench, self.artefacts, self.robot = config, bench, artefacts, robot
         self.interference = Interference(artefacts.trace) if robot is None else robot.channel.interference
         self.where = "the emulated robot" if robot is not None else f"the bus {bench.bus.address} of --hil-bench"
@@ -165,3 +160,44 @@ def bit_rate(config: pytest.Config) -> int | None:
         return parse_bit_rate(text)
     except AddressError as error:
         pytest.fail(f"--hil-bitrate {error}", pytrace=False)
+
+
+class ServedBus:
+    """`plant-emulator serve` as a process.
+
+    Attributes:
+        socket: Path of its socket.
+        address: The same, as `--bus` and a bench file have it.
+    """
+
+    def __init__(self, process: subprocess.Popen[str], socket: Path, bitrate: int | None) -> None:
+        self.process, self.socket = process, socket
+        self.address = f"local:{socket}" + ("" if bitrate is None else f"@{bitrate}")
+
+    def __str__(self) -> str:
+        return self.address
+
+
+@contextmanager
+def local_bus_servers(config: pytest.Config) -> Iterator[Callable[..., ServedBus]]:
+    """Yield a starter of servers of local buses; at the end, all of them end and their sockets are removed."""
+    own_robot: str = config.getoption("hil_robot") or "reference"
+    bitrate = bit_rate(config)
+
+    def start(*options: str, robot: str | None = None) -> ServedBus:
+        """Start one and wait until it serves.
+
+        Args:
+            options: More of `plant-emulator serve`.
+            robot: Robot file; `--hil-robot` of pytest unless it is given.
+        """
+        emulator = EmulatorProcess(robot or own_robot, bitrate, *options)
+        try:
+            emulators.enter_context(emulator)
+        except BusUnavailableError as error:
+            pytest.fail(error.reason, pytrace=False)
+        assert emulator.process is not None  # noqa: S101 - it has been started
+        return ServedBus(emulator.process, Path(emulator.address.channel), bitrate)
+
+    with ExitStack() as emulators:
+        yield start

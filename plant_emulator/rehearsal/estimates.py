@@ -49,9 +49,7 @@ def quantities_of(
     learnt: Identified | None,
     arm_rad: NDArray[np.float64] = ALL_AROUND_RAD,
 ) -> dict[str, QuantityRecord]:
-    """Return truth, estimate and standard error of the quantities.
-
-    The names are those of `record.QUANTITIES`.
+    """Return truth, estimate and standard error by `record.QUANTITIES`.
 
     Args:
         robot: The robot.
@@ -119,7 +117,6 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.f
 
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
-    """Return true and identified amplitudes and phases."""
     found = {}
     estimated = {} if error is None else error.values.amplitudes_arcsec()
     for order in ORDERS:

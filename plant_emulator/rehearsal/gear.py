@@ -70,11 +70,6 @@ def gear_at(axis: RobotAxis, torsion_rad: float, arm_rad: Real = ALL_AROUND_RAD)
 
     The torque of ψ = ψ_g + a sin φ is K a sin φ + L a cos φ and harmonics; D_g is not in L.
 
-    Args:
-        axis: The axis.
-        torsion_rad: Amplitude a.
-        arm_rad: Arm angles of the motion; shape (n,).
-
     Raises:
         ValueError: The amplitude is not above 0.
     """

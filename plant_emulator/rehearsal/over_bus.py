@@ -1,7 +1,4 @@
-"""The steps of the documented path over a bus.
-
-A separate process serves the robot; each step is a command of `hil`.
-"""
+"""The documented path's steps on a served robot, as commands of `hil`."""
 
 import subprocess
 import sys
@@ -17,7 +14,7 @@ from hil.results.base import RESULT_FILE, MeasuredResult
 from hil.results.files import load_any, load_result
 from hil.results.runs import ExperimentsResult
 from plant_emulator.rehearsal.steps import Note, PathFiles, RunNote, note_of_error, note_of_run
-from plant_emulator.robots.writing import file_text
+from plant_emulator.robots.blank_bench import file_text
 
 COMMAND_S = 1800.0
 """Time after which a command is given up: the longest takes some minutes on a busy machine."""
@@ -29,10 +26,6 @@ class CommandError(HilError):
     """A command that has ended with another status than 0."""
 
     def __init__(self, arguments: Sequence[str], status: int, words: str, causes: tuple[RefusalCause, ...] = ()) -> None:
-        """Keep command, exit status, last words, and causes.
-
-        The words are the last that the command printed; the causes are those in its result.
-        """
         self.arguments, self.status, self.words, self.causes = tuple(arguments), status, words, causes
         super().__init__(f"{words} (exit status {status})")
 
@@ -86,10 +79,7 @@ class StepsOverBus:
         return note_of_run(load_result(self._out(treatment), ExperimentsResult, "a run"))
 
     def learn(self) -> Note:
-        """Learn the ATE, into a model file of its own.
-
-        It starts from what is known.
-        """
+        """Learn the ATE from what is known, into its own model file."""
         known = ("--plant", str(self._files.model)) if self._files.model.exists() else ()
         self._hil("learn", *known, "--model", str(self._files.learnt), out="learn")
         return None
@@ -118,6 +108,5 @@ class StepsOverBus:
 
 
 def _last_words(text: str) -> str:
-    """Return the last sentence that a command printed on standard error."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("report:")]
     return lines[-1] if lines else "no words"

@@ -28,8 +28,8 @@ from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
 from plant_emulator.rehearsal.steps import Note, PathFiles, StepsInProcess
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.rehearsal.without import PathEnd, tip_without
+from plant_emulator.robots.blank_bench import file_text
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 SMALL_EFFORT = Effort(16, 6, 6, 2)
@@ -177,10 +177,7 @@ class _Path:
         self._take(name, act, needs)
 
     def _take(self, name: str, act: Callable[[], Note], needs: tuple[str, ...] = ()) -> None:
-        """Take a step.
-
-        The record gets its note, or its error in words.
-        """
+        """Take a step; the record gets its note, or error in words."""
         missing = [need for need in needs if not self._is_done(need)]
         if missing:
             self.result.steps[name] = StepRecord("skipped", "", f"needs {missing[0]}")
@@ -199,7 +196,6 @@ class _Path:
         return self.files.knowledge(is_learnt=self._is_done("learn"))
 
     def _survey(self) -> None:
-        """Measure the true tip under each treatment of the path."""
         survey, knowledge = Survey(self.robot, self.bench, self.axis), self._knowledge()
         for name in TREATMENTS:
             if all(self._is_done(need) for need in RUNS[name][1]):
@@ -212,10 +208,7 @@ class _Path:
             self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
 
     def _without_cause(self, knowledge: Knowledge) -> float | None:
-        """Return the path's true tip without the stated causes.
-
-        The result is None without any cause.
-        """
+        """Return the path's true tip without the stated causes, None without any."""
         name, causes = self.result.end_treatment, self.result.end_causes[0]
         model = knowledge.learnt if name == "cancellation_learnt" else knowledge.identified
         if not causes or model is None:

@@ -28,13 +28,6 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
     """Test the trial with wrong corrections.
 
     The results are named as in `record.PROBES`. The plant in each correction is the true one.
-
-    Args:
-        robot: The robot, with all of its noise.
-        bench: Its bench file.
-        axis: Number of the axis.
-        survey: Its survey.
-        before: True tip by order without a treatment.
     """
     found = {}
     with session_on(robot, bench) as session:

@@ -53,11 +53,9 @@ class StepRecord:
     """End of a step.
 
     Attributes:
-        ended: Kind of the end.
         error: Class of the error that ended it.
         words: The error's words, or the note of a step that is done.
         causes: Causes that the error names.
-        cpu_s: Processor time.
     """
 
     ended: Ended = "skipped"
@@ -113,10 +111,6 @@ class PathRecord:
     """One run of the documented path.
 
     Attributes:
-        name: Name of the robot.
-        seed: Its seed.
-        axis: The axis that was treated.
-        over_bus: True if it went over a bus.
         facts: Facts of the robot, by `FACTS`.
         steps: End of each step, by `STEPS`.
         quantities: By `QUANTITIES`.
@@ -170,10 +164,7 @@ class PathRecord:
         return "notch_designed" if "notch_designed" in done else "none"
 
     def _left_mm(self, name: str) -> float:
-        """Return the tip's peak in a cancellation's own trial, mm.
-
-        It is infinite without a measurement.
-        """
+        """Return the tip's peak in a cancellation's own trial, mm; infinite without."""
         left_mm = self.left.get(name)
         return math.inf if left_mm is None else left_mm
 

@@ -33,7 +33,6 @@ class RunNote(NamedTuple):
     """Outcome of a run that was made.
 
     Attributes:
-        note: Its note.
         left_out: Orders that a trial has left out.
         causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
@@ -95,15 +94,7 @@ class PathFiles:
 
 
 class StepsInProcess:
-    """Steps by the product's functions, on a channel of this process.
-
-    Args:
-        bench: The bench file.
-        axis: Number of the axis.
-        files: The files of the path.
-        channel: The robot.
-        effort: Effort of the notch's search.
-    """
+    """Steps by the product's functions, on a channel of this process."""
 
     def __init__(self, bench: Bench, axis: int, files: PathFiles, channel: Channel, effort: Effort) -> None:
         self._bench, self._axis, self._files, self._channel, self._effort = bench, axis, files, channel, effort
@@ -143,10 +134,7 @@ class StepsInProcess:
         return note_of_run(outcome.result)
 
     def learn(self) -> Note:
-        """Learn the ATE, into a model file of its own.
-
-        It starts from what is known.
-        """
+        """Learn the ATE from what is known, into its own model file."""
         files, request = self._files, LearnRequest((self._axis,))
         known = files.model if files.model.exists() else None
         outcome = learn_on_bus(self._bench, request, self._out("learn"), files.learnt, plant=known, channel=self._channel)
@@ -158,10 +146,7 @@ class StepsInProcess:
 
 
 def note_of_error(result: AteResult) -> Note:
-    """Return the note of an ATE's identification.
-
-    It states the standard errors that are larger than demanded; None if there are none.
-    """
+    """Return an identification's standard errors beyond demand in words, or None."""
     return None if result.is_within_goal else "; ".join(result.notes or ()) or "not within the goal"
 
 

@@ -42,13 +42,7 @@ class TrueTip(NamedTuple):
 
 
 class Survey:
-    """Runs of the user's motion, measured by an ideal sensor.
-
-    Args:
-        robot: The robot.
-        bench: Its bench file.
-        axis: Number of the axis.
-    """
+    """Runs of the user's motion, measured by an ideal sensor."""
 
     def __init__(self, robot: Robot, bench: Bench, axis: int) -> None:
         self._robot, self._bench, self._axis = robot, bench, axis
@@ -98,7 +92,6 @@ class Survey:
         return TrueTip(tip_by_order_mm(*where, speed_rps), tracked_by_order_mm(*where))
 
     def _with_perfect_gears(self) -> Recording | None:
-        """Run the motion once without an ATE."""
         if self._perfect is None:
             self._perfect = self._record(without_error(self._robot), self._bench, "none", None, ())
         return self._perfect

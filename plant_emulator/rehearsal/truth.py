@@ -12,7 +12,7 @@ from hil.design.order_map import order_track
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.robot import Robot
 
 END_S = 0.15
@@ -31,10 +31,7 @@ def quiet(robot: Robot, late_s: float = 0.0) -> Robot:
 
 
 def without_error(robot: Robot) -> Robot:
-    """Return the robot with perfect gears and encoders.
-
-    The encoders keep their noise.
-    """
+    """Return the robot with perfect gears, and encoders with noise alone."""
     none = TransmissionErrorTable.of({}, {})
     axes = {
         number: axis.model_copy(update={"ate": none, "encoder": MotorEncoder(noise_counts=axis.encoder.noise_counts)})
@@ -54,10 +51,7 @@ def with_true_models(bench: Bench, robot: Robot) -> Bench:
 
 
 def true_f_al_hz(bench: Bench, robot: Robot, axis: int) -> float:
-    """Return f_al of an axis.
-
-    It is the peak of |G_al| of its linear plant under the bench's gains.
-    """
+    """Return f_al, the peak of |G_al|, of an axis as tuned."""
     found = peak_hz(with_true_models(bench, robot), axis, robot.control_period_s)
     assert found is not None  # noqa: S101 - the model has just been put in
     return found
@@ -105,11 +99,6 @@ def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict
     """Return the largest order-tracked tip amplitude by order, mm.
 
     It is the part at k θ_m alone, in each order's window of a rising ramp.
-
-    Args:
-        recording: Recording on a quiet sensor.
-        axis: Number of the axis.
-        f_al_hz: The robot's own.
     """
     angle, period = recording.axis(axis, "position_rad"), recording.period_s
     top = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(END_S / period)
@@ -127,9 +116,6 @@ def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict
 
 
 def ratio_of_tips(after: Mapping[float, float], before: Mapping[float, float]) -> float | None:
-    """Return the largest ratio of tips after and before.
-
-    Tips below 0.002 mm count as 0.002 mm before.
-    """
+    """Return the largest ratio of tips, those before at least 0.002 mm."""
     ratios = [after[order] / max(before[order], 0.002) for order in after if order in before]
     return max(ratios, default=None)

@@ -37,10 +37,7 @@ def without_reaction(robot: Robot, bench: Bench, axis: int) -> Pair:
 
 
 def without_speed_limit(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """Return the bench with a higher speed limit.
-
-    The limit of the following error rises with it.
-    """
+    """Return the bench with higher limits of speed and following error."""
     table = bench.axis[axis]
     limits = table.limits.model_copy(
         update={
@@ -107,9 +104,7 @@ class PathEnd:
 
 
 def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, Bench], float | None]) -> float | None:
-    """Return the largest true tip without some causes, mm.
-
-    The result is None if it cannot be determined.
+    """Return the largest true tip without some causes, mm, or None.
 
     Args:
         causes: Names of the causes, of `hil.results.runs.RemainderCause`.

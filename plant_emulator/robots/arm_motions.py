@@ -53,9 +53,7 @@ def first_line(arm: ArmTable, limits: Sequence[JointLimits]) -> LineMotion | Non
 
 
 def arm_ramp(axes: list[RobotAxis], fastest_rps: float, braking_rps_s: float) -> tuple[float, float]:
-    """Return acceleration and end speed of a short ramp.
-
-    They are in rev/s² and rev/s; the ramp turns the arm little.
+    """Return acceleration (rev/s²) and end speed (rev/s) of a short ramp.
 
     Args:
         axes: The axes of the arm, from the base on.

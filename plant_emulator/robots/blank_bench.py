@@ -1,7 +1,9 @@
 """Text of a robot's bench file before any measurement."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from drive_profiles.address import parse_address
 from drive_profiles.files.toml import Table, toml_value
@@ -91,10 +93,7 @@ def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
 
 
 def _line_lines(robot: Robot, arm: ArmTable) -> list[str]:
-    """Return a straight line from home, if one exists.
-
-    It is within the limits of the axes.
-    """
+    """Return a straight line from home within the axes' limits, if any."""
     limits = []
     for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True):
         axis = robot.axis[link.axis]
@@ -152,10 +151,7 @@ def position_gain_per_s(axis: RobotAxis) -> float:
 
 
 def speed_limit_rps(axis: RobotAxis) -> float:
-    """Return the largest motor speed.
-
-    Order 1 meets the arm's resonance below it.
-    """
+    """Return the largest motor speed, above order 1's at the arm's resonance."""
     return max(LEAST_SPEED_RPS, math.ceil(SPEED_PER_HZ * antiresonance_hz(axis)))
 
 
@@ -174,10 +170,7 @@ def travel_rev(axis: RobotAxis) -> float:
 
 
 def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[float, float]:
-    """Return the limits of the motor's position.
-
-    They are its reach, within the range of its link.
-    """
+    """Return the motor's limits: its reach within its link's range."""
     reach = travel_rev(axis)
     if arm is None:
         return -reach, reach
@@ -190,10 +183,7 @@ def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[floa
 
 
 def _motion(axis: RobotAxis) -> tuple[float, float]:
-    """Return acceleration and end speed of a motion.
-
-    They are in rev/s² and rev/s; the motion starts in the middle of the travel.
-    """
+    """Return acceleration (rev/s²) and end speed (rev/s) from mid-travel."""
     acceleration, end = ACCELERATIONS_RPS_S[0], 0.0
     for acceleration in ACCELERATIONS_RPS_S:
         end = min(0.85 * speed_limit_rps(axis), reach_rps(0.9 * travel_rev(axis), acceleration, DECELERATION_RPS_S))
@@ -204,3 +194,25 @@ def _motion(axis: RobotAxis) -> tuple[float, float]:
 
 def _digits(value: float) -> float:
     return float(f"{value:.4g}")
+
+
+def file_text(table: Table) -> str:
+    """Return a robot or a bench as the text of its file.
+
+    Default values are left out. Reading the text gives the same robot or bench.
+    """
+    return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
+
+
+def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:
+    """Return the lines of a table: plain values, then tables.
+
+    Small tables inside an axis stay on a line.
+    """
+    inner = {key: value for key, value in values.items() if isinstance(value, dict) and name.count(".") < 1}
+    plain = [f"{key} = {toml_value(value)}" for key, value in values.items() if key not in inner]
+    lines = [f"[{name}]", *plain] if name and plain else plain
+    for key, value in inner.items():
+        found = _lines(f"{name}.{key}" if name else str(key), value)
+        lines += ["", *found] if lines and found and found[0] else found
+    return lines

@@ -22,15 +22,7 @@ from hil.arm.bodies import Body, Inertia
 from hil.arm.masses import mass_matrix
 from hil.arm.tables import ArmLink, ArmTable
 from hil.arm.urdf import turning_joints, with_links
-from plant_emulator.robots.fleet import (
-    CONTROL_PERIOD_S,
-    RANGES,
-    Draws,
-    accelerometer,
-    motor_encoder,
-    rounded,
-    transmission_error,
-)
+from plant_emulator.robots.fleet import CONTROL_PERIOD_S, RANGES, Draws, accelerometer, driven, rounded
 from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
 from plant_emulator.trials.distributions import Distributions, Even, Logarithmic
 
@@ -81,9 +73,7 @@ def draw_drives(
     seed: int,
     tip_link: str | None = None,
 ) -> ArmRobot:
-    """Draw the drives of a URDF file's arm.
-
-    They are motors, linear gears and ATEs.
+    """Draw motors, linear gears and ATEs of a URDF file's arm.
 
     The arm's joints are axes 1, 2, … from the base on. The robot equals its file; `with_links_read` of it has the links.
 
@@ -181,10 +171,7 @@ def _box(mass_kg: float, size_m: float) -> Inertia:
 
 
 def _weights(arm: ArmTable) -> list[float]:
-    """Return each axis' greatest moment of gravity.
-
-    All links beyond it are then stretched out level.
-    """
+    """Return each axis' greatest moment of gravity, all links stretched out level."""
     found, moment, mass = [], 0.0, 0.0
     for link, body in zip(reversed(arm.link), reversed(arm.bodies()), strict=True):
         moment += body.mass_kg * math.hypot(*body.centre_m)
@@ -195,34 +182,12 @@ def _weights(arm: ArmTable) -> list[float]:
 
 
 def _axis(draws: Draws, number: int, inertia: float, weight_nm: float, known_ratio: float | None = None) -> ArmAxis:
-    """Draw motor and gear for an axis' inertia at home.
-
-    All other quantities are in proportion to that.
-    """
+    """Draw motor and gear in proportion to an axis' inertia at home."""
     ratio = known_ratio or draws("reduction_ratio")
-    hz = draws("antiresonance_hz", "wrist_hz" if number in WRIST else None)
-    omega = 2.0 * math.pi * hz
     low, high = MOTOR_INERTIA_KG_M2
     wanted = inertia / ratio**2 / draws("inertia_ratio")
     motor = rounded(min(high, max(low, wanted)))
-    bearing = rounded(draws("arm_damping") * inertia * omega)
-    damping = max(0.1 * bearing, 2.0 * draws("damping") * inertia * omega - bearing)
-    coulomb = rounded(400.0 * motor * draws("friction"))
-    static = rounded(coulomb * draws("stribeck"))
-    return ArmAxis(
-        node_id=number,
-        reduction_ratio=ratio,
-        motor_inertia_kg_m2=motor,
-        motor_damping_nm_s_rad=rounded(motor * draws("motor_damping")),
-        arm_damping_nm_s_rad=bearing,
-        gear_stiffness_nm_rad=rounded(inertia * omega**2),
-        gear_damping_nm_s_rad=rounded(damping),
-        coulomb_friction_nm=coulomb,
-        static_friction_nm=static,
-        stribeck_velocity_rad_s=draws("stribeck_velocity"),
-        torque_limit_nm=rounded(9000.0 * (motor + 1.5 * inertia / ratio**2) + 1.2 * weight_nm / ratio + 3.0 * static),
-        encoder_counts_per_rev=2 ** int(draws("encoder_bits")),
-        encoder=motor_encoder(draws),
-        ate=transmission_error(draws),
-        gear_reaction=bool(draws("gear_reaction")),
-    )
+    drive = driven(draws, ratio, motor, inertia, draws("antiresonance_hz", "wrist_hz" if number in WRIST else None))
+    friction_nm = 3.0 * drive["static_friction_nm"]
+    most_nm = rounded(9000.0 * (motor + 1.5 * inertia / ratio**2) + 1.2 * weight_nm / ratio + friction_nm)
+    return ArmAxis(**drive, node_id=number, torque_limit_nm=most_nm)

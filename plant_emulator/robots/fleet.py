@@ -11,7 +11,7 @@ Every quantity is drawn from a generator of its own, named by seed and quantity:
 """
 
 import math
-from typing import Literal
+from typing import Any, Literal
 from zlib import crc32
 
 import numpy as np
@@ -20,7 +20,7 @@ from hil.control.angles import ARCSEC
 from hil.control.order_keys import phase_key
 from hil.robot_tables import ORDERS, TransmissionErrorTable
 from plant_emulator.robots.behaviour import Behaviour
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.robot import BusFacts, Robot, RobotAccelerometer, RobotAxis
 from plant_emulator.trials.distributions import Chance, Distributions, Even, Logarithmic, OneOf, Whole
 
@@ -88,13 +88,7 @@ REAL_HYSTERESIS_NM = 2.0
 
 
 class Draws:
-    """Named draws of one robot.
-
-    Args:
-        seed: Seed of all.
-        ranges: Distributions by name.
-        prefix: Part of the robot, before the names.
-    """
+    """Named draws of one robot."""
 
     def __init__(self, seed: int, ranges: Distributions, prefix: str = "") -> None:
         self._seed, self._ranges, self._prefix = seed, ranges, prefix
@@ -170,46 +164,49 @@ def accelerometer(draws: Draws) -> RobotAccelerometer:
     )
 
 
+def driven(draws: Draws, ratio: float, motor: float, inertia: float, antiresonance_hz: float) -> dict[str, Any]:
+    """Draw motor, gear and encoder for the inertias J_m and J_l."""
+    omega = 2.0 * math.pi * antiresonance_hz
+    bearing = rounded(draws("arm_damping") * inertia * omega)
+    coulomb = rounded(400.0 * motor * draws("friction"))
+    return {
+        "reduction_ratio": ratio,
+        "motor_inertia_kg_m2": motor,
+        "motor_damping_nm_s_rad": rounded(motor * draws("motor_damping")),
+        "arm_damping_nm_s_rad": bearing,
+        "gear_stiffness_nm_rad": rounded(inertia * omega**2),
+        "gear_damping_nm_s_rad": rounded(max(0.1 * bearing, 2.0 * draws("damping") * inertia * omega - bearing)),
+        "coulomb_friction_nm": coulomb,
+        "static_friction_nm": rounded(coulomb * draws("stribeck")),
+        "stribeck_velocity_rad_s": draws("stribeck_velocity"),
+        "encoder_counts_per_rev": 2 ** int(draws("encoder_bits")),
+        "encoder": _motor_encoder(draws),
+        "ate": _transmission_error(draws),
+        "gear_reaction": bool(draws("gear_reaction")),
+    }
+
+
 def _axis(draws: Draws, kind: Kind, number: int, late_us: int) -> RobotAxis:
     """Draw one axis: inertias first, all else in proportion."""
     ratio = draws("reduction_ratio")
-    antiresonance_hz = draws("antiresonance_hz")
     arms = draws("inertia_ratio") * ratio**2
     low, high = (limit / arms for limit in ARM_INERTIA_KG_M2)
     motor = rounded(min(high, max(low, draws("motor_inertia"))))
     arm = rounded(motor * arms)
-    omega = 2.0 * math.pi * antiresonance_hz
-    stiffness = rounded(arm * omega**2)
-    arm_damping = rounded(draws("arm_damping") * arm * omega)
-    damping = max(0.1 * arm_damping, 2.0 * draws("damping") * arm * omega - arm_damping)
-    lever = draws("tip_lever_m")
-    coulomb = rounded(400.0 * motor * draws("friction"))
-    static = rounded(coulomb * draws("stribeck"))
+    drive, lever = driven(draws, ratio, motor, arm, draws("antiresonance_hz")), draws("tip_lever_m")
     gravity = rounded(draws("gravity") * arm * 9.81 / (2.0 * lever))
     is_linear = kind == "linear"
-    hysteresis = draws("hysteresis") * min(1.0, stiffness / SOFT_GEAR_NM_RAD)
+    hysteresis = draws("hysteresis") * min(1.0, drive["gear_stiffness_nm_rad"] / SOFT_GEAR_NM_RAD)
     lag_s = draws("current_lag_s")
     step_s = CONTROL_PERIOD_S / 4.0  # the solver's, of which a lag must be at least half
     return RobotAxis(
+        **drive,
         node_id=number,
-        reduction_ratio=ratio,
-        motor_inertia_kg_m2=motor,
-        motor_damping_nm_s_rad=rounded(motor * draws("motor_damping")),
         arm_inertia_kg_m2=arm,
-        arm_damping_nm_s_rad=arm_damping,
-        gear_stiffness_nm_rad=stiffness,
-        gear_damping_nm_s_rad=rounded(damping),
-        coulomb_friction_nm=coulomb,
-        static_friction_nm=static,
-        stribeck_velocity_rad_s=draws("stribeck_velocity"),
         gravity_moment_nm=gravity,
         home_deg=draws("home_deg"),
-        torque_limit_nm=rounded(9000.0 * (motor + arm / ratio**2) + 1.5 * gravity / ratio + 3.0 * static),
-        encoder_counts_per_rev=2 ** int(draws("encoder_bits")),
-        encoder=motor_encoder(draws),
+        torque_limit_nm=rounded(9000.0 * (motor + arm / ratio**2) + 1.5 * gravity / ratio + 3.0 * drive["static_friction_nm"]),
         tip_lever_m=lever,
-        ate=transmission_error(draws),
-        gear_reaction=bool(draws("gear_reaction")),
         wind_up_softness=0.0 if is_linear else draws("softness"),
         wind_up_torsion_arcsec=draws("wind_up_torsion"),
         hysteresis_torque_nm=0.0 if is_linear else rounded(hysteresis),
@@ -219,7 +216,7 @@ def _axis(draws: Draws, kind: Kind, number: int, late_us: int) -> RobotAxis:
     )
 
 
-def motor_encoder(draws: Draws) -> MotorEncoder:
+def _motor_encoder(draws: Draws) -> MotorEncoder:
     """Draw the errors of an encoder, which a data sheet bounds and whose phases are anything."""
     return MotorEncoder(
         error_1_arcsec=draws("encoder_error_1"),
@@ -230,7 +227,7 @@ def motor_encoder(draws: Draws) -> MotorEncoder:
     )
 
 
-def transmission_error(draws: Draws) -> TransmissionErrorTable:
+def _transmission_error(draws: Draws) -> TransmissionErrorTable:
     """Draw an ATE with any phases."""
     phases: dict[float, float] = {order: draws(phase_key(order)) for order in ORDERS}
     amplitudes: dict[float, float] = {order: draws(f"a{order}") for order in ORDERS}
@@ -238,10 +235,7 @@ def transmission_error(draws: Draws) -> TransmissionErrorTable:
 
 
 def antiresonance_hz(axis: RobotAxis) -> float:
-    """Return the antiresonance f_a of an axis.
-
-    f_a = √(K_g/J_l)/2π, with the gear at its nominal stiffness.
-    """
+    """Return f_a = √(K_g/J_l)/2π with the gear's nominal stiffness."""
     return math.sqrt(axis.gear_stiffness_nm_rad / axis.arm_inertia_kg_m2) / (2.0 * math.pi)
 
 

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from drive_profiles.files.toml import Table
 from hil.robot_tables import HIGHEST_ORDER, ORDERS, NotNegative, Positive, TransmissionErrorTable
-from plant_emulator.physics.changing import LINES, put_error
+from plant_emulator.physics.axis import LINES, put_error
 
 MOST_LINES = LINES + 1
 """A line for each order that an axis can have, and one for the rest."""
@@ -125,9 +125,7 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
 
 
 def write_change(axis: ChangingAxis, row: Any) -> None:
-    """Write the ATE's changes into a record of an `AXIS` array.
-
-    The record also gets the state when the robot is switched on.
+    """Write the ATE's changes and state at switch-on into an `AXIS` record.
 
     Args:
         axis: The axis of the robot file; its plant is in the record already.
@@ -153,7 +151,6 @@ def write_change(axis: ChangingAxis, row: Any) -> None:
 
 
 def _write_line(line: ErrorChange, change: Any, i: int) -> None:
-    """Write one order's changes, in SI."""
     change["step_rad"][i] = math.radians(line.phase_step_deg)
     change["step_s"][i] = math.inf if line.phase_step_s is None else line.phase_step_s
     change["drift_rad_s"][i] = math.radians(line.phase_drift_deg_min) / 60.0

@@ -1,12 +1,9 @@
-"""The robot file, which describes the emulated robot.
-
-Units are in the names of the keys; SI inside.
-"""
+"""The robot file of the emulated robot; its keys name their units."""
 
 import cmath
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -41,9 +38,8 @@ from plant_emulator.physics.axis import MORE_LINES, PLANT
 from plant_emulator.physics.sensing import HIGHEST_FREQUENCY
 from plant_emulator.robots.angle_lines import CoggingLine, EccentricityLine, check_lines, write_lines
 from plant_emulator.robots.behaviour import Behaviour, Switches
+from plant_emulator.robots.encoders import LoadEncoder, MotorEncoder
 from plant_emulator.robots.gear_change import MOST_LINES, ErrorChange, GearTemperature, check_changes
-from plant_emulator.robots.load_encoder import LoadEncoder
-from plant_emulator.robots.motor_encoder import MotorEncoder
 
 SDO_DOWNLOAD_BYTES = 64 * 1024
 """The longest value that an SDO channel accepts by default; it bounds the memory that a client can occupy."""
@@ -126,10 +122,7 @@ class RobotAxis(PlantTable):
 
     @property
     def rated_torque(self) -> float:
-        """Rated motor torque in N·m, in whole mN·m.
-
-        It is a third of the peak torque unless the file states it.
-        """
+        """Rated torque in N·m (whole mN·m), by default a third of peak."""
         wanted = self.torque_limit_nm / 3.0 if self.rated_torque_nm is None else self.rated_torque_nm
         return max(1, round(1000.0 * wanted)) / 1000.0
 
@@ -140,10 +133,7 @@ class RobotAxis(PlantTable):
 
     @property
     def rated_current_ma(self) -> int:
-        """Rated motor current in mA, as in 6075h.
-
-        It is the rated torque divided by the motor constant.
-        """
+        """Rated motor current in mA (6075h): rated torque over motor constant."""
         return min(2**32 - 1, max(1, round(1000.0 * self.rated_torque / self.torque_constant_nm_a)))
 
     @property
@@ -214,10 +204,7 @@ class RobotAccelerometer(Table):
 
     @property
     def filters(self) -> bool:
-        """True if the sensor filters or delays the tip's acceleration.
-
-        Noise and quantisation do not count.
-        """
+        """True if the sensor filters or delays (noise and steps aside)."""
         return bool(self.delay_s) or self.lowpass_hz is not None or self.mounting_resonance_hz is not None
 
 
@@ -282,26 +269,17 @@ class Robot(Table):
 
     @property
     def links(self) -> ArmTable | None:
-        """Arm whose links couple the axes.
-
-        It is None if each axis turns an inertia of its own.
-        """
+        """Arm whose links couple the axes, or None."""
         return None
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
-        """Axes of the line motion, from the base on.
-
-        They are those of the geometry; none without one.
-        """
+        """Axes of the line motion from the base on; none without geometry."""
         return () if self.geometry is None else self.geometry.axes
 
     @property
     def node_ids(self) -> dict[int, int]:
-        """Node-ID of each axis.
-
-        It is the axis' number unless the file states another.
-        """
+        """Node-ID of each axis: its number unless the file states another."""
         return {number: axis.node_id or number for number, axis in self.axis.items()}
 
     @property
@@ -404,9 +382,7 @@ class ArmRobot(Robot):
         return 0.0
 
     def with_links_read(self, folder: Path) -> "ArmRobot":
-        """Return the robot with the links of its URDF file.
-
-        Each axis gets the inertia and the lever that it has at home.
+        """Return the robot with its URDF links, inertias and home levers.
 
         Raises:
             FileError: The URDF file describes no arm of these axes.
@@ -524,3 +500,19 @@ def with_drives(
             changes["eds"] = eds[number]
         axes[number] = axis.model_copy(update=changes)
     return robot.model_copy(update={"axis": axes})
+
+
+def part_of(robot: Robot, axes: Collection[int]) -> Robot:
+    """Return a robot with some axes alone.
+
+    Without all axes of its geometry it has no line motion.
+
+    Raises:
+        ValueError: Its links couple the axes.
+    """
+    if robot.links is not None and set(axes) != robot.axis.keys():
+        raise ValueError("the links of this robot couple all axes, so they cannot be served one by one; leave --axis out")
+    changes: dict[str, object] = {"axis": {number: table for number, table in robot.axis.items() if number in axes}}
+    if not set(robot.chain_axes) <= set(axes):
+        changes |= {"geometry": None, "line_motion": None}
+    return robot.model_copy(update=changes)

@@ -69,10 +69,7 @@ def load_tuning(path: str | Path) -> Tuning:
 
 
 def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
-    """Return a robot some of whose drives have gains initially.
-
-    Their makers' tools would have set them.
-    """
+    """Return a robot with gains as if set by its makers' tools."""
     axes = {number: robot.axis[number].model_copy(update={"control": control}) for number, control in gains.items()}
     return robot.model_copy(update={"axis": {**robot.axis, **axes}})
 

@@ -27,10 +27,7 @@ _CHANNELS = ("X", "Y", "Z")
 
 
 def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
-    """Return all entries of the accelerometer.
-
-    CiA 404 analogue inputs 1 to 3 are X, Y and Z.
-    """
+    """Return the accelerometer's entries: CiA 404 inputs 1–3, X to Z."""
     entries = list(
         communication_entries(
             device_type=DEVICE_TYPE,

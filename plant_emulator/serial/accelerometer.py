@@ -107,7 +107,6 @@ class MeasuredWorld(World):
     """A world that stops at each sample of a serial accelerometer."""
 
     def __init__(self, robot: Robot, sensor: EmulatedSerialAccelerometer) -> None:
-        """Build the nodes."""
         self._serial = sensor
         super().__init__(robot)
 
@@ -118,10 +117,7 @@ class MeasuredWorld(World):
         return sample if due is None else min(due, sample)
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
-        """Let time pass, and take the sample that is due.
-
-        `until` is not beyond `due`.
-        """
+        """Let time pass up to `due`; take the sample that is due."""
         frames = super().move(until)
         if self._serial.due <= until:
             self._serial.sample(self.axes.sensed_acceleration())

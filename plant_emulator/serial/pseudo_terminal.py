@@ -13,7 +13,6 @@ class PathTakenError(Exception):
     """Path that is taken by something other than our leftover link."""
 
     def __init__(self, path: str) -> None:
-        """Keep the path."""
         self.path = path
         super().__init__(f"{path} exists and is not a link to a pseudo-terminal")
 
@@ -63,10 +62,7 @@ class PseudoTerminal:
         return link
 
     def fileno(self) -> int:
-        """Return the descriptor, for selectors.
-
-        It is readable when the other end has written.
-        """
+        """Return the descriptor, readable when the other end has written."""
         return self._device
 
     @property

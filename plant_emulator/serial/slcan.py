@@ -52,7 +52,6 @@ class Adapter:
     """
 
     def __init__(self) -> None:
-        """Start closed and without a bit rate."""
         self.bus_bitrate: int | None = None
         self.is_open = False
         self.refused = 0
@@ -188,10 +187,7 @@ class Adapter:
     # -- from the bus ----------------------------------------------------------------------------------------------------
 
     def deliver(self, frame: Frame, now_ms: int) -> bytes:
-        """Return the host's line for a frame of the bus.
-
-        The result is b"" if the host gets none.
-        """
+        """Return the host's line for a frame of the bus, or b""."""
         can_id, data = frame
         if not self.is_open:
             return b""
@@ -235,9 +231,7 @@ class Adapter:
 
 
 class SlcanPort:
-    """An adapter on a pseudo-terminal, in a thread of its own.
-
-    It is one participant of the local bus.
+    """An adapter on a pseudo-terminal, in a thread, as one bus participant.
 
     Frames that the host does not read in time are dropped and reported by F. The host's bytes wait in the terminal while its
     answers are unread.
@@ -250,8 +244,7 @@ class SlcanPort:
             terminal: Its owner closes it, after this.
             connection: Connected to the local bus; `close` closes it.
         """
-        self.terminal = terminal
-        self._connection = connection
+        self.terminal, self._connection = terminal, connection
         self._connection.settimeout(SEND_TIMEOUT_S)
         self._connection.sendall(pack(clock.question(follows=True)))  # a host behind a serial port keeps wall-clock time
         self._is_stream = connection.type == socket.SOCK_STREAM

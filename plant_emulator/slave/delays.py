@@ -1,7 +1,4 @@
-"""A slave that sends frames later than their cause.
-
-Real drives do so, too. Frames are held until their time and keep their order.
-"""
+"""A slave that sends frames late, as real drives do, in order."""
 
 from collections import deque
 from typing import Any
@@ -23,10 +20,7 @@ MOST_HELD = 1024
 
 
 class _Queue:
-    """Queue of frames of one kind, each with its release time.
-
-    The times never decrease.
-    """
+    """Queue of frames of one kind, with release times that never decrease."""
 
     __slots__ = ("delay_ns", "frames", "jitter_ns")
 
@@ -52,12 +46,6 @@ class DelayedSlave(Slave):
 
     If the NMT state ends a service, its held frames are lost: a node that has been stopped or reset sends no earlier PDO and
     no earlier SDO answer (CiA 301, 7.3.2.2.5).
-
-    Args:
-        behaviour: The delays.
-        seed: Seed of the jitter.
-        arguments: Of `Slave`.
-        options: Of `Slave`.
     """
 
     def __init__(self, behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> None:
@@ -143,10 +131,7 @@ class DelayedSlave(Slave):
 
 
 def slave_with(behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> Slave:
-    """Make a slave with the delays of a behaviour.
-
-    Without delays it is a plain `Slave`, which costs no extra time.
-    """
+    """Make a slave with a behaviour's delays; without any, a plain `Slave`."""
     if behaviour.delays_frames:
         return DelayedSlave(behaviour, seed, *arguments, **options)
     return Slave(*arguments, **options)

@@ -1,7 +1,4 @@
-"""The object dictionary of a node.
-
-SDO server, PDOs and the owner of the node share this store.
-"""
+"""The object dictionary that a node's SDO server, PDOs and owner share."""
 
 import math
 import struct
@@ -46,8 +43,7 @@ class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
     """
 
     def __init__(self, duration_ns: int, finish: Callable[[], SdoAbortCode | None]) -> None:
-        self.duration_ns = duration_ns
-        self.finish = finish
+        self.duration_ns, self.finish = duration_ns, finish
         super().__init__(f"the answer comes in {duration_ns} ns")
 
 
@@ -148,7 +144,6 @@ class Entry:
             raise ValueError(f"{self}: default {self.default!r}: {code.text}")
 
     def __str__(self) -> str:
-        """Name the entry for a message."""
         return f"{self.index:04X}h:{self.subindex:02X}h {self.name!r}"
 
     def _problem(self) -> str | None:
@@ -210,9 +205,7 @@ class Cell:
     PDOs and the owner hold a reference to it, so that a cycle costs no look-up.
 
     Attributes:
-        entry: The entry whose value this is.
         is_guarded: True if the entry refuses some values of its type.
-        is_readable: True if an SDO may read the entry.
         value: The present value; the owner may set it directly, unchecked. It does not count where there is a read hook.
         read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
@@ -310,7 +303,6 @@ class Dictionary:
         node_id: Added to the defaults that depend on it; the `Slave` sets it.
 
     Attributes:
-        node_id: Node-ID of the node that has the dictionary.
         stored: By address, the value that a reset restores instead of the default; see `ParameterStore`.
         on_change: Called with the entry that an SDO has given another value; PDOs pass it by.
         on_hook: Called when an entry has got another hook.
@@ -339,15 +331,12 @@ class Dictionary:
         self.reset(ResetKind.NODE)
 
     def __contains__(self, address: tuple[int, int]) -> bool:
-        """Return True if there is an entry at (index, sub-index)."""
         return address in self._cells
 
     def __iter__(self) -> Iterator[Entry]:
-        """Iterate over the entries by address, sub-indices 0 included."""
         return (cell.entry for cell in self._cells.values())
 
     def __len__(self) -> int:
-        """Count the entries."""
         return len(self._cells)
 
     def cell(self, index: int, subindex: int = 0) -> Cell:
@@ -381,9 +370,7 @@ class Dictionary:
         return value
 
     def set(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value as the owner.
-
-        Access and write hook are bypassed.
+        """Set a value as the owner, past access and write hook.
 
         Raises:
             KeyError: There is no such entry.
@@ -397,10 +384,7 @@ class Dictionary:
         cell.value = value
 
     def on_read(self, index: int, subindex: int, hook: ReadHook) -> None:
-        """Set a hook that supplies the value.
-
-        It is called at every read and whenever a PDO samples the object.
-        """
+        """Set a hook that supplies the value at every read and sample."""
         self.cell(index, subindex).read_hook = hook
         self.on_hook()
 
@@ -437,12 +421,6 @@ class Dictionary:
     def share(self, index: int, subindex: int, values: "memoryview[int]", place: int) -> None:
         """Keep the value of an entry in an array, before anyone holds its cell.
 
-        Args:
-            index: Index of the entry.
-            subindex: Its sub-index.
-            values: Whole numbers of that array.
-            place: Which of them is the value.
-
         Raises:
             KeyError: There is no such entry.
         """
@@ -474,10 +452,7 @@ class Dictionary:
             cell.write_hook(cell.value)
 
     def reset(self, kind: ResetKind) -> None:
-        """Restore the stored values, else the defaults.
-
-        The write hooks are not called.
-        """
+        """Restore the stored values, else the defaults, without the write hooks."""
         for address, cell in self._cells.items():
             if kind is ResetKind.NODE or 0x1000 <= address[0] <= 0x1FFF:
                 stored = self.stored.get(address)

@@ -29,10 +29,6 @@ class DeviceInfo:
     """The part of an EDS that is not about objects.
 
     Attributes:
-        file_name: Name that the file will have.
-        vendor_name: Maker.
-        product_name: Product.
-        order_code: Code by which it is ordered.
         description: One line for the head of the file.
         bit_rates: In kbit/s, those that the device supports.
         granularity: Bits of the smallest object that a PDO may carry; 1 also permits BOOLEAN as a dummy.

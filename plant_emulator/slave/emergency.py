@@ -1,7 +1,4 @@
-"""The emergency producer (CiA 301, 7.2.7).
-
-It keeps the named causes, the error register 1001h and the history 1003h, and sends the frames.
-"""
+"""The emergency producer (CiA 301, 7.2.7): causes, 1001h, 1003h and frames."""
 
 import struct
 from collections import deque
@@ -52,9 +49,7 @@ class EmergencyProducer:
         changed: Callable[[], None],
     ) -> None:
         self._is_enabled = False
-        self._send = send
-        self._clock = clock
-        self._changed = changed
+        self._send, self._clock, self._changed = send, clock, changed
         self._inhibit_ns = 0
         self._sent_at = _LONG_AGO
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
@@ -86,10 +81,7 @@ class EmergencyProducer:
 
     @property
     def due(self) -> int | None:
-        """End of the inhibit time of the next waiting frame.
-
-        It is None if no frame waits.
-        """
+        """End of the next waiting frame's inhibit time, or None."""
         return self._sent_at + self._inhibit_ns if self._waiting else None
 
     def advance(self, now: int) -> None:
@@ -110,10 +102,7 @@ class EmergencyProducer:
 
     @property
     def last_code(self) -> int:
-        """Error code in 1003h:01h, its lower half.
-
-        It is 0 if the history is empty.
-        """
+        """Error code in 1003h:01h, its lower half; 0 if empty."""
         return self._history[0] & 0xFFFF if self._history else 0
 
     @property
@@ -125,12 +114,6 @@ class EmergencyProducer:
         """Report an error.
 
         Nothing happens while the same cause is active with the same code.
-
-        Args:
-            cause: Name of the cause, by which `clear_cause` withdraws it.
-            code: Error code of the emergency, 16 bits.
-            register: Bits of the error register (1001h); the generic bit is added.
-            vendor: Manufacturer-specific bytes, at most 5.
 
         Raises:
             ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 manufacturer-specific bytes.

@@ -43,11 +43,7 @@ class ErrorControl:
         rerouted: Callable[[], None],
         rescheduled: Callable[[], None],
     ) -> None:
-        self._emergency = emergency
-        self._send = send
-        self._state = state
-        self._lost = lost
-        self._rerouted = rerouted
+        self._emergency, self._send, self._state, self._lost, self._rerouted = emergency, send, state, lost, rerouted
         self._rescheduled = rescheduled
         self._node_id = 0
         self._is_guarded = True

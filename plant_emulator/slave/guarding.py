@@ -1,7 +1,4 @@
-"""Node guarding and life guarding.
-
-In this older error control the master polls the node (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2).
-"""
+"""Node guarding and life guarding by polls (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2)."""
 
 from collections.abc import Callable
 
@@ -29,9 +26,7 @@ class NodeGuarding:
 
     def __init__(self, dictionary: Dictionary, on_lost: Callable[[], None], on_found: Callable[[], None]) -> None:
         self.due: int | None = None
-        self._on_lost = on_lost
-        self._on_found = on_found
-        self._dictionary = dictionary
+        self._on_lost, self._on_found, self._dictionary = on_lost, on_found, dictionary
         self._times = {GUARD_TIME: 0, LIFE_TIME_FACTOR: 0}
         self._life_time = 0
         self._toggle = 0
@@ -40,10 +35,7 @@ class NodeGuarding:
         dictionary.on_write(LIFE_TIME_FACTOR, 0, lambda factor: self._set(LIFE_TIME_FACTOR, factor))
 
     def load(self) -> None:
-        """Read the times from the dictionary after a reset.
-
-        The toggle bit of the next answer is 0.
-        """
+        """Read the times after a reset; the next toggle bit is 0."""
         self._toggle = 0
         for index in self._times:
             self._set(index, self._dictionary.get_int(index))
@@ -56,10 +48,7 @@ class NodeGuarding:
             self._on_found()
 
     def answer(self, state: int, now: int) -> bytes:
-        """Return the answer to a request.
-
-        It holds the NMT state and a bit that alternates.
-        """
+        """Return the answer: the NMT state and a bit that alternates."""
         if self._life_time:
             self.due = now + self._life_time
         if self._is_lost:

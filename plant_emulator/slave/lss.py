@@ -1,7 +1,4 @@
-"""The LSS slave (CiA 305).
-
-A master sets node-ID and bit rate over the bus, for a node chosen by its identity alone.
-"""
+"""The LSS slave (CiA 305): node-ID and bit rate by identity alone."""
 
 from collections.abc import Callable
 from enum import Enum, IntEnum
@@ -102,9 +99,7 @@ class LssSlave:
         self.bit_rate: int | None = None
         self.stored_bit_rate: int | None = None
         self.on_bit_rate: Callable[[int, int], None] = lambda bit_rate, delay_ms: None
-        self._dictionary = dictionary
-        self._is_memory_good = is_memory_good
-        self._on_configured = on_configured
+        self._dictionary, self._is_memory_good, self._on_configured = dictionary, is_memory_good, on_configured
         self.wait()
 
     def wait(self) -> None:

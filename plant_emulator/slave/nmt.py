@@ -1,7 +1,4 @@
-"""NMT state machine as tables, and heartbeats.
-
-A node sends heartbeats and monitors those of others (CiA 301, 7.2.8 and 7.3.2).
-"""
+"""NMT state machine as tables, and heartbeats (CiA 301, 7.2.8 and 7.3.2)."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -74,9 +71,7 @@ class HeartbeatProducer:
 
     def __init__(self, dictionary: Dictionary, clock: Callable[[], int], changed: Callable[[], None]) -> None:
         self.due: int | None = None
-        self._changed = changed
-        self._clock = clock
-        self._dictionary = dictionary
+        self._changed, self._clock, self._dictionary = changed, clock, dictionary
         dictionary.on_write(PRODUCER_TIME, 0, self._set_period)
 
     def load(self) -> None:
@@ -131,20 +126,14 @@ class HeartbeatConsumer:
         on_found: Callable[[int], None],
         changed: Callable[[], None],
     ) -> None:
-        self._dictionary = dictionary
-        self._on_lost = on_lost
-        self._on_found = on_found
-        self._changed = changed
+        self._dictionary, self._on_lost, self._on_found, self._changed = dictionary, on_lost, on_found, changed
         self._watches: dict[int, _Watch] = {}
         self._subindices = [e.subindex for e in dictionary if e.index == CONSUMER_TIME and e.subindex > 0]
         for subindex in self._subindices:
             dictionary.on_write(CONSUMER_TIME, subindex, partial(self._configure, subindex))
 
     def load(self) -> None:
-        """Read the watches from the dictionary.
-
-        All of them wait for a first heartbeat.
-        """
+        """Read the watches, all of which wait for a first heartbeat."""
         self._watches = {}
         for subindex in self._subindices:
             self._dictionary.load(CONSUMER_TIME, subindex)

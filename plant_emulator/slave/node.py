@@ -1,7 +1,4 @@
-"""A CANopen slave without socket, thread or clock.
-
-Frames and time go in; frames and the next deadline come out.
-"""
+"""A CANopen slave: frames and time in, frames and next deadline out."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -50,8 +47,6 @@ def _nothing(*_: object) -> None:
 class Slave:
     """One node with all its CANopen services.
 
-    It joins dictionary, SDO server, PDOs, NMT, SYNC, TIME, LSS, error control and emergencies.
-
     No frame raises an exception, whatever its bytes. Error frames and 29-bit frames are ignored. So are remote requests, but
     for those for TPDOs and, while the node sends no heartbeats, for its NMT state (node guarding). Time is in ns and never
     decreases. A deadline that has passed is served before the next frame.
@@ -68,6 +63,7 @@ class Slave:
 
     Attributes:
         store: Store of the values that survive a loss of power.
+        emergencies: The active errors, by causes that their owner names; their frames go out with the next ones.
         lss: The LSS slave, with the node-ID that an LSS master has configured.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
         on_nmt: Called with the old and the new state.
@@ -117,10 +113,10 @@ class Slave:
         )
         self._sdo = SdoChannels(dictionary, make_server, self._route)
         self.lss = LssSlave(dictionary, node_id, lambda: not self.store.fails, self._start_configured)
-        self._emergency = EmergencyProducer(dictionary, self._send, self._clock, self._reschedule)
+        self.emergencies = EmergencyProducer(dictionary, self._send, self._clock, self._reschedule)
         self._error_control = ErrorControl(
             dictionary,
-            self._emergency,
+            self.emergencies,
             send=self._send,
             clock=self._clock,
             state=lambda: self._state,
@@ -130,10 +126,10 @@ class Slave:
         )
         self._time = TimeConsumer(dictionary, self._route)
         self.store = ParameterStore(dictionary, store_commands, store_time_ns)
-        self._sync = SyncConsumer(dictionary, self._emergency, self._resort)
+        self._sync = SyncConsumer(dictionary, self.emergencies, self._resort)
         self._pdo = PdoEngine(
             dictionary,
-            emergency=self._emergency,
+            emergency=self.emergencies,
             sync=self._sync,
             changed=self._route,
             send=self._send,
@@ -160,31 +156,12 @@ class Slave:
 
     @property
     def time_of_day(self) -> int | None:
-        """Network's time of day, ns since 1984-01-01 00:00.
-
-        It is None before the first TIME message.
-        """
+        """Network's time of day, ns since 1984-01-01 00:00; None before any TIME."""
         return self._time.at(self._clock())
 
     @property
-    def last_error_code(self) -> int:
-        """Error code of the newest entry of the history 1003h.
-
-        It remains after the cause has gone; 0 if the history is empty.
-        """
-        return self._emergency.last_code
-
-    @property
-    def emergency_causes(self) -> tuple[str, ...]:
-        """Active causes, in the order in which they arose."""
-        return self._emergency.causes
-
-    @property
     def due(self) -> int | None:
-        """Next instant at which `advance` must be called.
-
-        It is None if only a frame can wake the node.
-        """
+        """Next instant to call `advance`; None if only frames wake it."""
         if self._out:
             return self._now
         if self._state is NmtState.INITIALISING or self._due == _NEVER:
@@ -287,41 +264,8 @@ class Slave:
         frames, self._out = self._out, []
         return frames
 
-    def raise_emergency(
-        self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC, vendor_bytes: bytes = b""
-    ) -> None:
-        """Report an error; its frame goes out with the next ones.
-
-        Args:
-            cause: Name of the owner's choice, by which `clear_emergency` withdraws the error.
-            code: Error code of the emergency, 16 bits.
-            register_bit: Bits of the error register (1001h); the generic bit is added.
-            vendor_bytes: Manufacturer-specific bytes, at most 5.
-
-        Raises:
-            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 manufacturer-specific bytes.
-        """
-        self._emergency.raise_cause(cause, code, register_bit, vendor_bytes)
-
-    def join_emergency(self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC) -> None:
-        """Report an error that the node itself may have reported.
-
-        No second frame is sent while an error with this code is active.
-        """
-        self._emergency.join_cause(cause, code, register_bit)
-
-    def clear_emergency(self, cause: str) -> None:
-        """Withdraw an error.
-
-        After the last one the node sends an emergency with code 0000h.
-        """
-        self._emergency.clear_cause(cause)
-
     def bus_off(self) -> None:
-        """Note that the controller has gone bus-off.
-
-        1029h decides on this communication error.
-        """
+        """Note a controller's bus-off; 1029h decides on this communication error."""
         self._on_lost(MASTER)
         self._reschedule()
 
@@ -330,8 +274,8 @@ class Slave:
 
         An emergency that is cleared at once reports the recovery to the master.
         """
-        self._emergency.raise_cause(_BUS_OFF, EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
-        self._emergency.clear_cause(_BUS_OFF)
+        self.emergencies.raise_cause(_BUS_OFF, EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
+        self.emergencies.clear_cause(_BUS_OFF)
 
     def _clock(self) -> int:
         return self._now or 0
@@ -354,7 +298,7 @@ class Slave:
 
     def _reschedule(self) -> None:
         due = _NEVER
-        for time in (self._error_control.due, self._emergency.due, self._sdo.due, self._pdo.due):
+        for time in (self._error_control.due, self.emergencies.due, self._sdo.due, self._pdo.due):
             if time is not None and time < due:
                 due = time
         if due != self._due:
@@ -364,7 +308,7 @@ class Slave:
     def _run_timers(self, now: int) -> None:
         if self._state is NmtState.INITIALISING:
             return
-        self._emergency.advance(now)
+        self.emergencies.advance(now)
         self._error_control.advance(now)
         self._out += self._sdo.advance(now)
         self._pdo.check_deadlines(now)
@@ -432,12 +376,12 @@ class Slave:
         if has_node_id:
             self.dictionary.renumber(self.node_id)
         self.dictionary.reset(kind)
-        self._emergency.reset(kind)
+        self.emergencies.reset(kind)
         if has_node_id:
             self._load()
         # An error that the owner still has is reported after the boot-up message, before which a node is silent.
         before_boot_up = len(self._out)
-        self._emergency.enable(has_node_id)
+        self.emergencies.enable(has_node_id)
         self.on_reset(kind)
         if not has_node_id:
             self._route()
@@ -448,7 +392,7 @@ class Slave:
             self._change(NmtState.OPERATIONAL)
 
     def _load(self) -> None:
-        self._emergency.load()
+        self.emergencies.load()
         self._error_control.load(self.node_id)
         self._time.load()
         self._sync.load()
@@ -460,7 +404,7 @@ class Slave:
         if old is new:
             return
         services = SERVICES[new]
-        self._emergency.enable(NmtService.EMERGENCY in services)
+        self.emergencies.enable(NmtService.EMERGENCY in services)
         if NmtService.LSS not in services:
             self.lss.wait()
         if NmtService.SDO not in services:
@@ -498,11 +442,7 @@ class Slave:
 
 
 class SlaveNode:
-    """A node of the world, with a slave underneath.
-
-    Attributes:
-        slave: The CANopen engine underneath.
-    """
+    """A node of the world, with a slave underneath."""
 
     slave: Slave
 

@@ -1,7 +1,4 @@
-"""The entries 1000h to 1FFFh of every emulated node.
-
-Their identifiers are those of the predefined connection set.
-"""
+"""The entries 1000h to 1FFFh of every node, by the predefined connections."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -103,9 +100,7 @@ class PdoDefault:
 
 
 def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = ()) -> list[Entry]:
-    """Return communication and mapping records of four RPDOs and TPDOs.
-
-    PDOs without a description are empty.
+    """Return four RPDOs' and TPDOs' records; without a description they are empty.
 
     Raises:
         ValueError: More than four of a kind.

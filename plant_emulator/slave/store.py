@@ -39,9 +39,7 @@ VOLATILE = frozenset({
 
 @dataclass(frozen=True, slots=True)
 class StoreCommand:
-    """One entry that stores or restores.
-
-    It acts when its signature is written to it.
+    """One entry that stores or restores when its signature is written.
 
     Attributes:
         address: Index and sub-index.

@@ -45,9 +45,7 @@ class SyncConsumer:
     """
 
     def __init__(self, dictionary: Dictionary, emergency: EmergencyProducer, changed: Callable[[], None]) -> None:
-        self._dictionary = dictionary
-        self._emergency = emergency
-        self._changed = changed
+        self._dictionary, self._emergency, self._changed = dictionary, emergency, changed
         self._has_wrong_length = False
         self._refusals = {COB_ID: _refuse_cob_id, COUNTER_OVERFLOW: _refuse_overflow}
         self.can_id = self.overflow = self.window_ns = 0
@@ -70,10 +68,7 @@ class SyncConsumer:
         self._apply(*(self._dictionary.get_int(index) for index in (COB_ID, COUNTER_OVERFLOW, WINDOW)))
 
     def accepts(self, data: bytes, now: int) -> bool:
-        """Process a SYNC; return True if the node must act.
-
-        The counter is noted, and the window opens.
-        """
+        """Process a SYNC, counter and window; True if the node must act."""
         length = len(data)
         is_right = length == 1 if self.overflow else length <= 1
         if is_right == self._has_wrong_length:

@@ -1,7 +1,4 @@
-"""The consumer of TIME, the network's time of day.
-
-Source: CiA 301, 7.2.6 and 7.5.2.15.
-"""
+"""The consumer of TIME, the time of day (CiA 301, 7.2.6, 7.5.2.15)."""
 
 import struct
 from collections.abc import Callable
@@ -19,9 +16,7 @@ _NS_PER_MS = 1_000_000
 
 
 class TimeConsumer:
-    """Clock of the network's time, kept between two TIME messages.
-
-    It uses the node's own clock.
+    """Clock of the network's time between TIME messages, by the node's clock.
 
     A message that is not 6 bytes long, or names a millisecond that no day has, is ignored. The time is in ns since
     1984-01-01 00:00.
@@ -36,8 +31,7 @@ class TimeConsumer:
 
     def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
         self.can_id: int | None = None
-        self._dictionary = dictionary
-        self._changed = changed
+        self._dictionary, self._changed = dictionary, changed
         self._offset: int | None = None
         dictionary.on_write(COB_ID, 0, self._set_cob_id)
 
@@ -51,10 +45,7 @@ class TimeConsumer:
         self._offset = None
 
     def at(self, now: int) -> int | None:
-        """Return the network's time at an instant of the node's clock.
-
-        The result is None if no TIME has come.
-        """
+        """Return the network's time at a node's instant, None before TIME."""
         return None if self._offset is None else now + self._offset
 
     def receive(self, data: bytes, now: int) -> None:

@@ -1,24 +1,81 @@
-"""The page of a robustness study."""
+"""The page of a robustness study, and its figure."""
 
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from drive_profiles.version import version_text
 from hil.report import style
 from hil.report.pages.page import PageVerdict, Section
 from hil.report.report_table import ReportTable
-from plant_emulator.studies.figure import distribution_and_influences
-from plant_emulator.studies.summary import Summary
+from hil.report.style import Drawing
+from plant_emulator.studies.summary import Influence, Summary
+from plant_emulator.studies.tables import shown
 from plant_emulator.trials import page
 from plant_emulator.trials.statistics import fraction_text
 
 
+def distribution_and_influences(summary: Summary) -> Drawing:
+    """Return the plants' results with their limit, beside the influences."""
+    influences = shown(summary.influences)
+    figure, [[distribution, bars]] = style.panels(1, 2, max(3.4, 0.8 + 0.22 * len(influences)))
+    _distribution(distribution, summary)
+    _influences(bars, influences[::-1])
+    style.legend_above(figure, distribution)
+    caption = (
+        "Left: the number by which a plant is judged; the triangle is the robot of the file. Right: rank correlation of that "
+        "number with each unknown, with the 95 % interval; for an angle it has no sign. Grey: the correlation may be chance."
+    )
+    key = f"figure-{summary.study.name}"
+    return style.drawing(figure, key, "Plants and influences", caption, "computed")
+
+
+def _distribution(panel: Axes, summary: Summary) -> None:
+    study, values = summary.study, summary.results
+    limit = study.area_reduction_percent if study.is_by_area else study.tip_mm
+    unit = "%" if study.is_by_area else "mm"
+    finite = values[np.isfinite(values)]
+    if finite.size:
+        # one edge at the limit, so that no bar stands on both sides
+        width = max(float(np.ptp(finite)) / 30.0, 1e-3 * limit)
+        first, last = np.floor((finite.min() - limit) / width), np.ceil((finite.max() - limit) / width)
+        edges = (limit + width * np.arange(first, last + 1.5)).tolist()
+        is_within = finite >= limit if study.is_by_area else finite <= limit
+        look: style.Line = {"edgecolor": style.PAPER, "linewidth": 0.4}
+        panel.hist(finite[is_within], edges, color=style.BLUE, label="within the specification", **look)
+        panel.hist(finite[~is_within], edges, color=style.ORANGE, hatch="////", label="outside", **look)
+    panel.axvline(limit, **style.LIMIT, label=f"limit, {limit:g} {unit}")
+    nominal = study.result(summary.nominal)
+    if np.isfinite(nominal):
+        panel.plot([nominal], [0.0], marker="^", color=style.BLACK, linestyle="none", clip_on=False, zorder=5, label="robot file")
+    panel.set_xlabel(f"{'reduction of the spectrum’s area' if study.is_by_area else 'tip peak'} in {unit}")
+    panel.set_ylabel("plants")
+    panel.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _influences(panel: Axes, found: tuple[Influence, ...]) -> None:
+    if not found:
+        style.note(panel, "too few runs for influences")
+        panel.set_axis_off()
+        return
+    rows = np.arange(len(found))
+    values = np.array([each.correlation for each in found])
+    reach = np.abs(np.array([[each.correlation - each.low, each.high - each.correlation] for each in found]).T)
+    colours = [style.BLUE if each.is_clear else style.GREY for each in found]
+    panel.barh(rows, values, color=colours, height=0.7)
+    panel.errorbar(values, rows, xerr=reach, linestyle="none", color=style.BLACK, elinewidth=0.8, capsize=2.0)
+    panel.axvline(0.0, color=style.BLACK, linewidth=0.7)
+    panel.set_yticks(rows, [each.label for each in found])
+    panel.set_xlim(-1.0, 1.0)
+    panel.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0])
+    panel.set_xlabel("rank correlation, 95 % interval")
+
+
 def write_page(path: Path, studies: Sequence[tuple[Summary, Sequence[ReportTable]]]) -> Path:
     """Write the page of some studies of one robot, at least one.
-
-    Args:
-        path: The page.
-        studies: Each study's summary, and its tables.
 
     Raises:
         OSError: The page cannot be written.

@@ -1,7 +1,4 @@
-"""The experiments without CAN, for comparison with bus runs.
-
-Axes, law and set-points are the same, in one process.
-"""
+"""The experiments without CAN, in one process, for comparison with bus runs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -50,6 +47,15 @@ class Simulation:
     arm_angle_rad: Real
     torque_nm: Real
     tip_acceleration_m_s2: Real
+
+
+def axis_columns(axes: Sequence[int], reference_counts: NDArray[Any], run: "Simulation | FollowedRun") -> dict[str, Any]:
+    """Return set-points, encoders, arm angles and torques of a run by column."""
+    signals = {
+        "reference_counts": reference_counts, "position_counts": run.position_counts,
+        "arm_angle_rad": run.arm_angle_rad, "torque_nm": run.torque_nm,
+    }  # fmt: skip
+    return {f"axis{number}_{name}": each[:, i] for i, number in enumerate(axes) for name, each in signals.items()}
 
 
 def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tuple[int, ...], Real, Real]:
@@ -156,9 +162,6 @@ def gains_as_uploaded(control: Control) -> Cascade:
 
 
 def as_uploaded(notch: Notch) -> Notch:
-    """Return the filter as a drive holds it after upload.
-
-    The parameters cross the bus as REAL32.
-    """
+    """Return the filter as a drive holds it, its parameters as REAL32."""
     singles: dict[str, Any] = {name: real32(value) for name, value in vars(notch).items() if isinstance(value, float)}
     return replace(notch, **singles)

@@ -11,7 +11,7 @@ from pydantic import Field
 from drive_profiles.files.toml import Table
 from hil.control.angles import ARCSEC
 from hil.robot_tables import NotNegative
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.robot import RobotAccelerometer, RobotAxis
 from plant_emulator.trials.distributions import Chance, Distribution, Even, Logarithmic
 

@@ -1,7 +1,4 @@
-"""Summary of many runs.
-
-It states which fraction meets the specification, which is stable, and which unknown matters.
-"""
+"""Summary of many runs: fractions within specification and stable, and influences."""
 
 import math
 from collections import Counter
@@ -16,9 +13,8 @@ from numpy.typing import NDArray
 
 from plant_emulator.studies.robustness import RESULTS, Study
 from plant_emulator.studies.spread import Unknown
-from plant_emulator.trials.rows import Row, Value, numbers, text
+from plant_emulator.trials.rows import Row, Value, csv_text, numbers, text
 from plant_emulator.trials.statistics import CONFIDENCE, RunFraction, percentiles, run_fraction
-from plant_emulator.trials.table import csv_text
 
 Real = NDArray[np.float64]
 
@@ -32,7 +28,6 @@ class Influence:
     """Influence of one unknown on the result.
 
     Attributes:
-        name: The unknown.
         label: Name for readers.
         correlation: Spearman's rank correlation; of an angle, unsigned, the multiple one with its cosine and sine.
         low: Lower end of its 95 % interval.
@@ -58,7 +53,6 @@ class Summary:
     """The runs of one study.
 
     Attributes:
-        study: The study that was run.
         judged: Every run, by index.
         nominal: The robot of the file.
         meeting: Stable and within the specification.
@@ -138,10 +132,7 @@ def _is_angle(unknown: Unknown) -> bool:
 
 
 def _correlation(column: Real, values: Real) -> tuple[float, float]:
-    """Return Spearman's ρ and its p-value.
-
-    ρ is 0 for a column that does not vary.
-    """
+    """Return Spearman's ρ, 0 for a constant column, and its p-value."""
     if np.ptp(column) == 0.0:
         return 0.0, 1.0
     found: Any = scipy.stats.spearmanr(column, values)
@@ -266,10 +257,7 @@ def finite(value: Value) -> Value:
 
 
 def draws_csv(summary: Summary) -> str:
-    """Return one line per run, as CSV.
-
-    A line has the run's index, its judgement, and all drawn values.
-    """
+    """Return a CSV line per run: index, judgement, and all drawn values."""
     return csv_text([{name: _cell(value) for name, value in row.items()} for row in summary.judged])
 
 

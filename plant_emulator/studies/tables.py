@@ -27,12 +27,7 @@ def shown(influences: tuple[Influence, ...]) -> tuple[Influence, ...]:
 
 
 def tables(summary: Summary, repeat: str) -> list[ReportTable]:
-    """Return the criteria, the judged number, the influences, and the worst plant.
-
-    Args:
-        summary: The runs.
-        repeat: Command that repeats the worst plant.
-    """
+    """Return the criteria, the judged number, the influences, and the worst plant."""
     study, worst = summary.study, summary.worst
     strongest = {each.name for each in shown(summary.influences)}
     again = plant(

@@ -110,7 +110,6 @@ class DaskWorkers:
                 )
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Cancel the remaining tasks, and disconnect."""
         if self._executor is not None:
             self._executor.shutdown(wait=False)  # cancels
         if self._client is not None:

@@ -1,7 +1,4 @@
-"""The page of many trials: one self-contained HTML file in the style of all pages.
-
-It says that its robots are emulated.
-"""
+"""The page of many trials, an HTML file: its robots are emulated."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path

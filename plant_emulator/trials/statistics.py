@@ -13,10 +13,7 @@ SHOWN_PERCENT = (5, 50, 95)
 
 @dataclass(frozen=True)
 class RunFraction:
-    """A fraction of the runs with its 95 % interval.
-
-    The interval is Wilson's score.
-    """
+    """A fraction of the runs with Wilson's 95 % score interval."""
 
     count: int
     runs: int

@@ -9,7 +9,7 @@ import pytest
 
 from hil.bench.bench import Bench, load_bench
 from plant_emulator.motion.record import BRAKED
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 from tests.bench.shared_demo import DemoRun, common_root, shared_demo

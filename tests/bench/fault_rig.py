@@ -20,7 +20,7 @@ from plant_emulator.bus.heard import FIRST_CLIENT
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.motion.record import BRAKED
-from plant_emulator.rehearsal.families.rig import bench_of, robot_of
+from plant_emulator.rehearsal.families.made import bench_of, robot_of
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 from tests.hil.master.virtual_time import VirtualClock

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from hil.bench.bench import REFERENCE, load_bench
 from hil.cli.main import app
 from hil.control.notch import FixedFilter
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 
 
 def result_of(tmp_path: Path, bus: ServedBus, treatment: str, *more: str) -> Any:

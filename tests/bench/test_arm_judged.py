@@ -27,7 +27,7 @@ from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult
 from hil.tip_vector import displacement_mm, tip_acceleration
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.physics.tool import POSITION
+from plant_emulator.physics.articulated import POSITION
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 from tests.hil.arm.reference import bench_with_arm

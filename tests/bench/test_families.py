@@ -21,8 +21,7 @@ from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.rehearsal.families.made import family_alone, family_run
-from plant_emulator.rehearsal.families.rig import bench_of, robot_of, vendor_families
+from plant_emulator.rehearsal.families.made import bench_of, family_alone, family_run, robot_of, vendor_families
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
 from tests.bench.conftest import with_bus

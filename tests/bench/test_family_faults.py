@@ -2,7 +2,7 @@
 
 import pytest
 
-from plant_emulator.rehearsal.families.rig import vendor_families
+from plant_emulator.rehearsal.families.made import vendor_families
 from tests.bench.fault_rig import Rig, check_the_end, cycle_of
 from tests.bench.test_fault_matrix import CASES, Case
 

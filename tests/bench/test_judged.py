@@ -10,7 +10,7 @@ from hil.bench.bench import REFERENCE
 from hil.cli.main import app
 from hil.report import style
 from hil.tour import bench_without_model
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.world import World
 
 AXIS = 2

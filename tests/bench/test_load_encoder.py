@@ -33,7 +33,7 @@ from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.rehearsal.survey import Survey
-from plant_emulator.robots.load_encoder import LoadEncoder
+from plant_emulator.robots.encoders import LoadEncoder
 from plant_emulator.robots.robot import load_robot, with_drives
 from plant_emulator.world import World
 

@@ -32,7 +32,7 @@ from hil.errors import NOT_DISABLED, not_restored_words
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.robot_tables import Control
-from plant_emulator.pytest_plugin.served import ServedBus, local_bus_servers
+from plant_emulator.pytest_plugin.target import ServedBus, local_bus_servers
 
 REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").read_text()
 # 50 s of motion, over more turns than the reference bench allows: time to interfere

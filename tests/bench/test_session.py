@@ -363,7 +363,7 @@ def test_a_lost_bus_ends_the_run_and_keeps_the_recording(short_bench: Bench, ref
     # and the drive ends the motion by its own clock
     channel.world.free_step(channel.world.now + 3_000_000_000)
     assert all_braked(channel.world)
-    assert "heartbeat 127" in channel.world.drives[2].slave.emergency_causes
+    assert "heartbeat 127" in channel.world.drives[2].slave.emergencies.causes
 
 
 def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference_robot: Robot) -> None:

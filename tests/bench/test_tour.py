@@ -20,7 +20,7 @@ from hil.experiments.notch_design import NotchDesignOutcome, parameter_set
 from hil.experiments.notch_problem import NotchDesignRequest
 from hil.report.writer import write_report_of
 from hil.reporter import SILENT
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 from plant_emulator.robots.robot import load_robot
 from tests.bench.shared_demo import DemoRun
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from hil.emulator import SERVER_TIMEOUT_S, START_TIMEOUT_S
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 
 IS_POSSIBLE = hasattr(os, "pidfd_open")
 

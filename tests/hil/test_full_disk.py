@@ -8,7 +8,7 @@ import typer
 
 from hil.cli.console import exit_on_error, message_of, write_page
 from hil.errors import NOT_DISABLED
-from hil.master.last_positions import AT_REST, LastPositions
+from hil.master.whereabouts import AT_REST, LastPositions
 from hil.recording import BusLog, LoggedFrame, Recording
 
 FULL = Path("/dev/full")

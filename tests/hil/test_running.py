@@ -12,7 +12,7 @@ from hil.analysis import TipScale, speed_window, tip_displacement_mm
 from hil.errors import NotPossibleError
 from hil.recording import Recording
 from hil.running import DISPLACEMENT, with_displacement
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 from tests.hil.results.made import run_entry
 
 

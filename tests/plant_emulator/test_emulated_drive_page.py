@@ -7,8 +7,8 @@ from drive_profiles.files.toml import load
 from plant_emulator.bus.faults import FaultsFile
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
 from plant_emulator.robots.behaviour import Behaviour, Switches
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.gear_change import ErrorChange, GearTemperature
-from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, RobotAccelerometer, load_robot
 from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file

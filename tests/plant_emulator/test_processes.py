@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from plant_emulator.processes import deaf_children
+from plant_emulator.trials.executors import deaf_children
 
 
 def _ctrl_c_by_another_thread():

@@ -11,7 +11,7 @@ import can
 import pytest
 from _pytest.pytester import SysModulesSnapshot
 
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.target import ServedBus
 
 pytest_plugins = ["pytester"]
 

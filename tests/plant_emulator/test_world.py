@@ -327,11 +327,11 @@ def test_a_deadline_of_another_node_is_served_before_the_frame_that_comes_after_
 def test_what_a_node_has_to_say_leaves_with_the_next_frame_whomever_that_is_for():
     world = started()
     assert world.due is None
-    world.drives[3].slave.raise_emergency("owner", 0x5000)
+    world.drives[3].slave.emergencies.raise_cause("owner", 0x5000)
     assert world.due == world.now
     assert [(node, frame.can_id) for node, frame in world.hear(Frame(0x605, bytes(8)))] == [(3, 0x083), (5, 0x585)]
     assert world.due is None
-    world.drives[3].slave.clear_emergency("owner")
+    world.drives[3].slave.emergencies.clear_cause("owner")
     assert [frame.can_id for frame in world.advance(world.now + 10 * MS)] == [0x083]
     assert world.due is None
 

@@ -286,8 +286,8 @@ class SlaveMachine(RuleBasedStateMachine):
         self.write(port, 0x1015, 0, struct.pack("<H", inhibit))
         slave = self.watched.nodes[port].slave
         for _ in range(times):
-            slave.raise_emergency("test", 0xFF00)
-            slave.clear_emergency("test")
+            slave.emergencies.raise_cause("test", 0xFF00)
+            slave.emergencies.clear_cause("test")
         self.watched.judge_memory()
         self.watched.wait(1_000)
 

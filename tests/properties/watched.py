@@ -145,7 +145,7 @@ class NodeWatch:
         """
         state = self.slave.nmt_state.value
         if state != self.state:
-            causes = self.slave.emergency_causes
+            causes = self.slave.emergencies.causes
             assert any("heartbeat" in c or "guarding" in c for c in causes), (self.state, state, causes)
             self.failed()
         for frame in frames:

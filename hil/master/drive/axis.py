@@ -86,15 +86,7 @@ class Snapshot:
         return tuple(missing)
 
     def write(self, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
-        """Write an object and read it back, keeping its former content.
-
-        Args:
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            kind: Data type of the object.
-            value: New value, in the object's own unit.
-            name: Name of the object, for messages.
-        """
+        """Write an object and read it back, keeping its former content."""
         if (index, subindex) not in self._before:
             seen = self._seen.pop((index, subindex), None)
             self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name) if seen is None else seen
@@ -174,19 +166,13 @@ class DriveAxis:
     """One axis: table of the bench file, profile, and node.
 
     Attributes:
-        number: Axis number.
-        table: Table of the axis in the bench file.
         profile: Drive profile of the family that the bench file names; once identified, of the drive's product.
-        scaling: Units of the drive, from its own objects.
         notches: Filters that act in the drive, as it holds them; none before `write_notches`.
         snapshot: Former contents of the objects that were changed.
     """
 
     def __init__(self, network: Network, number: int, table: AxisTable) -> None:
-        """Load the profile; nothing is sent."""
-        self.network = network
-        self.number = number
-        self.table = table
+        self.network, self.number, self.table = network, number, table
         self.node = table.node_id
         self.profile = Profile.load(table.profile)
         if self.profile.kind != "drive":
@@ -200,15 +186,12 @@ class DriveAxis:
 
         A sentence each; empty if profile or bench file has the units. Until the drive is identified, it may be any
         product of its family.
-        Until the drive is identified it may be any product of its family.
         """
         is_lacking = all(scale_gaps(self.number, self.table, product) for product in self.profile.members)
         return profile_gaps(self.number, self.table, self.profile) if is_lacking else []
 
     def identify(self, *, may_be_in_fault: bool = False) -> None:
-        """Check identity and units of the drive, and that it is safe.
-
-        It is safe if it is disabled and at standstill.
+        """Check the drive's identity, units, disabled state and standstill.
 
         Args:
             may_be_in_fault: Accept a drive in fault; `fault` has the fault.

@@ -137,9 +137,7 @@ _SENTENCES: Final[Mapping[Holder, str]] = {
 
 
 def limit_words(number: int, profile: Profile, limits: Limits) -> Iterable[str]:
-    """Yield sentences on the limits that a drive does not hold.
-
-    One for each holder.
+    """Yield a sentence per holder on limits a drive does not hold.
 
     Args:
         number: Number of the axis.

@@ -1,7 +1,4 @@
-"""Contents of the PDOs of a run.
-
-The master maps them, and the plan counts their bits.
-"""
+"""PDO contents of a run, for the master and the plan's bits."""
 
 from typing import Final, NamedTuple
 
@@ -35,7 +32,6 @@ class CyclicMode(NamedTuple):
 
     Attributes:
         number: Its number in 6060h.
-        name: Its name.
         target: Object of the set-point.
         enabling: Bits of the control word that let it follow set-points, beside those of operation.
         loss: Disadvantage against CSP, as a sentence; empty without one.

@@ -1,7 +1,4 @@
-"""Objects and parameters that a run needs, each with its use.
-
-All missing ones are reported at once.
-"""
+"""Objects and parameters that a run needs, each with its use."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
@@ -29,7 +26,6 @@ class Need(NamedTuple):
     purpose: str
 
     def __str__(self) -> str:
-        """The need in a line."""
         return f"{address_text(self.address)} {self.name}: {self.purpose}"
 
 
@@ -95,9 +91,7 @@ def objects_needed(
     with_notch_state: bool = False,
     with_torque_offset: bool = False,
 ) -> Iterator[Need]:
-    """Yield the objects that a run needs of a drive.
-
-    Except those for its scaling.
+    """Yield the objects that a run needs, except a drive's scaling.
 
     Args:
         table: Table of the axis in the bench file.
@@ -126,10 +120,7 @@ def objects_needed(
 
 
 def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: bool) -> Iterator[Need]:
-    """Yield the objects for a drive's second encoder.
-
-    None if the bench file has no second encoder.
-    """
+    """Yield the objects for a drive's second encoder, if there is one."""
     for entry in mapping.load_position(table, profile):
         number = mapping.load_tpdo(profile, with_notch_state=with_notch_state)
         yield from _pdo(f"TPDO{number}", 0x17FF + number, "it carries the position of the second encoder")
@@ -154,9 +145,7 @@ def _pdo(name: str, communication: int, purpose: str) -> Iterator[Need]:
 
 
 def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: bool) -> list[str]:
-    """Return what profiles or bench file lack for a run.
-
-    A sentence each.
+    """Return sentences on what profiles or bench file lack for a run.
 
     Args:
         bench: The bench file.
@@ -182,11 +171,6 @@ def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
     """Return remarks on a run's drives: limits, modes with a loss.
 
     Limits that a drive does not hold, and modes that are worse than CSP; a sentence each.
-
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes that take part; others than the bench's are left out.
-        loop: Place of the loop, drive or host.
     """
     said: list[str] = []
     for number in axes:
@@ -203,17 +187,7 @@ def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
 def profile_gaps(
     number: int, table: AxisTable, profile: Profile, loop: LoopName | None = None, *, with_notch: bool = False
 ) -> list[str]:
-    """Return what a profile lacks for a run.
-
-    A sentence each; empty if it has everything.
-
-    Args:
-        number: Number of the axis.
-        table: Table of the axis in the bench file.
-        profile: Drive profile.
-        loop: Place of the loop; None before it is known.
-        with_notch: True if the drive's filters act.
-    """
+    """Return sentences on what a profile lacks for a run."""
     gaps = [*scale_gaps(number, table, profile), *_gain_gaps(table, profile, loop)]
     if loop is not None and mapping.mode_of(loop, profile) is None:
         mode = "CST" if loop == "host" else "CSP or IP"

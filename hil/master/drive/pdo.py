@@ -1,7 +1,4 @@
-"""Configuration of a node's PDOs over SDO, and its restoration.
-
-In the order that CiA 301 prescribes.
-"""
+"""Configuration of PDOs over SDO in CiA 301's order, and its restoration."""
 
 from __future__ import annotations
 
@@ -90,7 +87,6 @@ class PdoSet:
     """The PDOs that a run has changed in one node."""
 
     def __init__(self, network: Network, node: int) -> None:
-        """Start without changes."""
         self.network, self.node = network, node
         self._before: list[PdoConfiguration] = []
 
@@ -98,17 +94,11 @@ class PdoSet:
         self._before.append(read_pdo(self.network, self.node, communication))
 
     def rpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Map objects to RPDO `number` (from 1); return its identifier.
-
-        It comes into force with SYNC.
-        """
+        """Map objects to RPDO `number` (from 1) by SYNC; return its identifier."""
         return self._set(0x1400 + number - 1, 0x100 + 0x100 * number + self.node, objects)
 
     def tpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Map objects to TPDO `number` (from 1); return its identifier.
-
-        It is sent with every SYNC.
-        """
+        """Map objects to TPDO `number` (from 1) by SYNC; return its identifier."""
         return self._set(0x1800 + number - 1, 0x080 + 0x100 * number + self.node, objects)
 
     def _set(self, communication: int, can_id: int, objects: tuple[MappedObject, ...]) -> int:

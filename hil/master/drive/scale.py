@@ -18,6 +18,9 @@ from hil.master.drive.needs import ABSENT, Need
 if TYPE_CHECKING:
     from hil.master.network import Network
 
+from drive_profiles.standard.objects import OBJECTS
+from hil.logs.nodes import Node
+
 
 class Questions:
     """Objects of a node, read one after the other, and missing ones.
@@ -27,7 +30,6 @@ class Questions:
     """
 
     def __init__(self, network: Network, node: int) -> None:
-        """Start without questions."""
         self.network, self.node = network, node
         self.missing: list[Need] = []
 
@@ -62,12 +64,6 @@ class Questions:
 
 def read_scaling(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> Scaling | None:
     """Read the units of a drive.
-
-    Args:
-        asked: Questions to the drive; they keep the missing objects.
-        number: Number of the axis.
-        table: Units in the bench file.
-        profile: Drive profile.
 
     Returns:
         The scaling; None if an object for it is missing.
@@ -122,12 +118,6 @@ def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile:
 
     A drive need not have objects for them (60E6h and 60EBh).
 
-    Args:
-        asked: Questions to the drive.
-        number: Number of the axis.
-        table: Table of the axis in the bench file.
-        profile: Drive profile.
-
     Raises:
         NodeError: Its steps per revolution are others.
     """
@@ -147,7 +137,6 @@ def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile:
 
 
 def _counts_per_rev(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> int | None:
-    """Position units per motor revolution."""
     facts, stated, key = profile.encoder, table.encoder_counts_per_rev, f"axis.{number}.encoder_counts_per_rev"
     if facts is None or facts.increments is None:
         found = None if facts is None else facts.counts_per_rev
@@ -174,7 +163,6 @@ def _counts_per_rev(asked: Questions, number: int, table: AxisTable | NothingSta
 
 
 def _rated_torque_nm(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> float | None:
-    """Torque of which torques are per mille."""
     facts, stated, key = profile.torque, table.rated_torque_nm, f"axis.{number}.rated_torque_nm"
     if facts is not None and facts.current_step_a is not None and _reports_a_current(profile):
         constant = table.torque_constant_nm_a  # a thousand steps of its current make this torque
@@ -211,10 +199,7 @@ def _check_units(asked: Questions, number: int, profile: Profile) -> None:
 
 
 def _feed(asked: Questions, profile: Profile) -> dict[str, int] | None:
-    """Read gear ratio (6091h) and feed constant (6092h).
-
-    Empty if the profile's positions do not depend on them.
-    """
+    """Read gear ratio (6091h) and feed constant (6092h) where positions need them."""
     facts = profile.encoder
     if facts is None or facts.feed is None or facts.feed_shaft_revs is None:
         return {}
@@ -231,3 +216,34 @@ def _feed(asked: Questions, profile: Profile) -> dict[str, int] | None:
     }
     whole = {name: value for name, value in found.items() if value is not None}
     return whole if len(whole) == len(found) else None
+
+
+_USUAL_SIZE = 4
+
+
+class OverheardQuestions(Questions):
+    """Answers about a drive from overheard frames.
+
+    The default of an EDS is not an answer: the drive may have other settings by now. The parameter value of a DCF is an answer,
+    unless a frame has another.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._told = node
+        self.node, self.missing = node.number, []
+
+    def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
+        """Return the number as the master would have read it, or None."""
+        told = self._told
+        is_stated = told.description is not None and need.address in told.description.values
+        value = told.value(*need.address) if need.address in told.heard or is_stated else None
+        if value is None:
+            if not is_optional:
+                self.missing.append(need)
+            return None
+        known = OBJECTS.get(need.address)
+        size = (kind.size if kind is not None else known[1].size if known is not None else 0) or _USUAL_SIZE
+        if kind is None and value >= 0:
+            return value
+        octets = (value & (1 << 8 * size) - 1).to_bytes(size, "little")
+        return int.from_bytes(octets, "little") if kind is None else int(decode(kind, octets))

@@ -20,27 +20,16 @@ LONGEST_INTERPOLATION = 2**31
 
 
 class DriveLimits:
-    """Application of the dictionary's limits to the axis.
-
-    It happens when they are written and after a reset.
+    """Application of the dictionary's limits when they are written or reset.
 
     A row of `MOTION_LIMITS` with a field is applied alone. The others are applied in groups: their value depends on several
     objects, or on the drive's state.
 
     Attributes:
-        counting: Conversion between the drive's units and the encoder's counts.
         is_profile_halted: True if the halt bit holds the profile at speed 0.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, counting: Counting) -> None:
-        """Bind the limits' entries.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
-            family: The drive's family, with the dictionary.
-            counting: Counting of the drive when it leaves the factory.
-        """
         self.counting = counting
         self.is_profile_halted = False
         self._are_position_limits_off = False  # whatever is written: homing looks for the zero that they count from
@@ -162,10 +151,7 @@ class DriveLimits:
         motion["torque_low_nm"], motion["torque_limit_nm"] = -low, max(high, low)
 
     def _current_limit_nm(self) -> float:
-        """Return the torque of the current limit.
-
-        6073h is per mille of 6075h.
-        """
+        """Return the torque of 6073h, per mille of 6075h."""
         rated_ma = self._held(Object.MOTOR_RATED_CURRENT)
         if rated_ma <= 0 or not self._family.is_scaled((Object.MAX_CURRENT, 0)):
             return math.inf
@@ -183,10 +169,7 @@ class DriveLimits:
         self._motion["low_counts"], self._motion["high_counts"] = limits
 
     def _limits_counts(self) -> tuple[float, float]:
-        """Return the limits of 607Dh in counts.
-
-        0 and 0 mean no limits, and in some families any equal pair does.
-        """
+        """Return 607Dh in counts; zeros (or any equal pair) may mean none."""
         if not any(self._family.acting((Object.SOFTWARE_POSITION_LIMIT, sub)) for sub in (1, 2)):
             return -math.inf, math.inf
         low, high = self._limit_counts(1), self._limit_counts(2)
@@ -205,10 +188,7 @@ class DriveLimits:
         self._motion["following_window_rad"] = self.acting_si(Object.FOLLOWING_ERROR_WINDOW) if is_watched else math.inf
 
     def _apply_position_window(self) -> None:
-        """Apply 6067h, at least one count of the encoder.
-
-        Its greatest value means no window.
-        """
+        """Apply 6067h, at least one count; its greatest value means no window."""
         address = Object.POSITION_WINDOW, 0
         is_off = self._family.is_scaled(address) and self._family.acting(address) == _NO_WINDOW
         window = math.inf if is_off else self.acting_si(Object.POSITION_WINDOW)

@@ -1,20 +1,62 @@
 """A drive's process data."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling
+from hil.control.angles import ARCSEC
 from plant_emulator.drive.binding.limits import DriveLimits
-from plant_emulator.drive.binding.load_encoder import bind_load_encoder
+from plant_emulator.drive.dictionary.additional_encoder import FIRST
 from plant_emulator.drive.dictionary.counting import INT16_MAX, INT32_MAX, Counting, clip
 from plant_emulator.drive.dictionary.user_units import UserUnits
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes, live
+from plant_emulator.robots.encoders import LoadEncoder
 from plant_emulator.slave.dictionary import Cell, Dictionary, WriteHook
+
+
+def bind_load_encoder(dictionary: Dictionary, axes: Axes, number: int, position: ObjectAddress) -> None:
+    """Bind the objects of an axis' second encoder to its joint."""
+    encoder = axes.robot.axis[number].load_encoder
+    if encoder is None:
+        return
+    row = axes.row(number)
+    speeds, way = live(axes.plant_state, "arm_speed_rad_s"), -1.0 if encoder.is_reversed else 1.0
+    counts_per_rad = encoder.counts_per_rev / math.tau
+    dictionary.on_read(*position, reading(encoder, axes, number))
+    if position != FIRST:
+        return
+    dictionary.on_read(Object.ADDITIONAL_VELOCITY_ACTUAL, 1, lambda: clip(round(way * speeds[row] * counts_per_rad), INT32_MAX))
+
+
+def reading(encoder: LoadEncoder, axes: Axes, number: int) -> Callable[[], int]:
+    """Return a reader of the encoder (errors and noise included), in counts."""
+    angles, row, way = live(axes.plant_state, "arm_angle_rad"), axes.row(number), -1.0 if encoder.is_reversed else 1.0
+    counts_per_rad, offset = encoder.counts_per_rev / math.tau, math.radians(encoder.offset_deg)
+    lines = [(line.order, line.a_arcsec * ARCSEC, math.radians(line.phi_deg)) for line in encoder.eccentricity]
+    sigma, draw = (
+        encoder.noise_arcsec * ARCSEC,
+        np.random.default_rng([axes.robot.seed, Object.ADDITIONAL_POSITION_ACTUAL, number]),
+    )
+
+    def read() -> int:
+        angle: float = angles[row]
+        for order, size, phase in lines:
+            angle += size * math.cos(order * angles[row] + phase)
+        if sigma:
+            angle += sigma * float(draw.standard_normal())
+        return clip(math.floor((way * angle + offset) * counts_per_rad + 0.5), INT32_MAX)
+
+    return read
+
 
 DC_LINK_MV = 48_000
 """6079h: the emulated drives are fed with 48 V, whatever the motor takes."""
@@ -50,28 +92,14 @@ def share_set_points(dictionary: Dictionary, axes: Axes, row: int) -> None:
 class DriveData:
     """Binding of a dictionary to one row of the axes.
 
-    It supplies live values and checks written values.
-
     Attributes:
-        axes: The mechanics.
         row: Row of the axis in `Axes.rows`.
         motion: The axis' row of process data.
-        dictionary: All entries of the drive.
-        counting: Conversion between the drive's units and the encoder's counts.
         process: The axis' row of `Axes.processes`.
         on_units: Called when `counting` has changed.
-        limits: Limits, ramps and windows.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, is_powered: Callable[[], bool]) -> None:
-        """Bind the dictionary.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
-            family: The drive's family, with the dictionary.
-            is_powered: Returns True if the motor is, or may be, under torque.
-        """
         self.axes, self.row = axes, axes.row(number)
         self.motion: Any = axes.motion[self.row]
         self.dictionary = family.dictionary
@@ -207,10 +235,7 @@ class DriveData:
         return bool(abs(left_rad) < 1e-9 and self._reached[self.row] & record.IN_POSITION)
 
     def cyclic_target_counts(self) -> int:
-        """Return the cyclic position target in counts of the encoder.
-
-        It is 607Ah + 60B0h (CiA 402: the offset is added to the target).
-        """
+        """Return 607Ah + 60B0h, the cyclic target, in counts of the encoder."""
         target: Any = self._target.value
         target += self._offset.value
         counting = self.counting

@@ -6,7 +6,7 @@ Source: CiA 402-2 (IEC 61800-7-201), 60E4h to 60E6h and 60EBh; sub-index 1 is th
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.object_address import ObjectAddress
-from plant_emulator.robots.load_encoder import LoadEncoder
+from plant_emulator.robots.encoders import LoadEncoder
 from plant_emulator.slave.dictionary import Access, Entry
 
 _U8, _U32, _I32 = DataType.UNSIGNED8, DataType.UNSIGNED32, DataType.INTEGER32
@@ -17,9 +17,7 @@ FIRST: ObjectAddress = (Object.ADDITIONAL_POSITION_ACTUAL, 1)
 
 
 def load_encoder_entries(encoder: LoadEncoder, position: ObjectAddress = FIRST) -> tuple[Entry, ...]:
-    """Return the objects of an additional encoder.
-
-    They are position, velocity, and its steps per revolution of the joint.
+    """Return position, velocity and steps per revolution of an additional encoder.
 
     Args:
         encoder: The encoder.

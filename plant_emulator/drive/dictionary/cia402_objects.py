@@ -47,9 +47,7 @@ def cia402_entries(
     modes: Sequence[Mode],
     rated_current_ma: int = 1000,
 ) -> Iterator[Entry]:
-    """Return the entries of all CiA 402 objects.
-
-    They are for a drive with this motor and these modes.
+    """Return all CiA 402 entries for this motor and these modes.
 
     Args:
         encoder_counts_per_rev: Counts of the encoder per motor revolution.

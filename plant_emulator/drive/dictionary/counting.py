@@ -1,7 +1,4 @@
-"""The counting of a drive as one frozen value.
-
-It converts between shown numbers and the encoder's counts, rad/s and N·m.
-"""
+"""A drive's counting, frozen: shown numbers ↔ encoder counts, rad/s and N·m."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,10 +9,7 @@ INT16_MAX, INT32_MAX = 2**15 - 1, 2**31 - 1
 
 
 def clip(value: float, limit: int = INT32_MAX) -> int:
-    """Round to the nearest whole number within ±limit.
-
-    `limit` is the range of an object.
-    """
+    """Round to the nearest whole number within ±limit, an object's range."""
     nearest = round(value)
     return nearest if -limit <= nearest <= limit else int(max(-limit, min(limit, nearest)))
 

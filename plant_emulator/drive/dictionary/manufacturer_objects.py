@@ -1,7 +1,4 @@
-"""The emulated drive's object dictionary, as one table.
-
-Both the node and its EDS are made from it.
-"""
+"""The emulated drive's object dictionary, one table for node and EDS."""
 
 from collections.abc import Iterator
 
@@ -74,9 +71,7 @@ def drive_entries(
     serial_number: int = 1,
     rated_current_ma: int = 1000,
 ) -> list[Entry]:
-    """Return all entries of a drive with this motor.
-
-    The defaults are the factory settings.
+    """Return all entries of a drive with this motor, at factory settings.
 
     Args:
         encoder_counts_per_rev: Counts of the encoder per motor revolution.
@@ -106,10 +101,7 @@ def drive_entries(
 
 
 def cycle_entries() -> Iterator[Entry]:
-    """Return the entries of a drive's cyclic exchange.
-
-    They are 1006h and the PDOs, the first of which carry control word and status word.
-    """
+    """Return 1006h and the PDOs, the first with control and status word."""
     yield cycle_period_entry()
     yield from pdo_entries(
         rpdos=(PdoDefault(((Object.CONTROL_WORD, 0, 16),)),),
@@ -118,10 +110,7 @@ def cycle_entries() -> Iterator[Entry]:
 
 
 def cycle_period_entry() -> Entry:
-    """Return 1006h, the communication cycle period in µs.
-
-    It is 0 until a master writes it.
-    """
+    """Return 1006h, the communication cycle period in µs, 0 until written."""
     return Entry(0x1006, 0, "Communication cycle period", DataType.UNSIGNED32, Access.RW, 0, high=1_000_000)
 
 

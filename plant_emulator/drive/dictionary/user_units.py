@@ -54,14 +54,6 @@ class UserUnits:
         scaling: Callable[[], Scaling],
         use: Callable[[Scaling], None],
     ) -> None:
-        """Bind the objects.
-
-        Args:
-            dictionary: Object dictionary of the drive.
-            is_powered: Returns True if the motor is, or may be, under torque.
-            scaling: Present scaling of the drive.
-            use: Puts another scaling into force.
-        """
         self._dictionary, self._is_powered = dictionary, is_powered
         self._scaling, self._use = scaling, use
         for (index, sub), name in FIELDS.items():

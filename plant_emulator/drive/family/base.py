@@ -23,7 +23,6 @@ class DriveFamily(ABC):
 
     Attributes:
         profile: Name of the profile that describes the drive.
-        dictionary: All entries of the drive.
         scaling: Scaling of the drive when it leaves the factory.
         modes: The modes that it has and that are emulated.
         store_commands: The entries that store and restore.
@@ -70,10 +69,7 @@ class DriveFamily(ABC):
         return ()
 
     def acting(self, address: ObjectAddress) -> Any:
-        """Return the raw value in force.
-
-        It is the entry's, or for some families the one at the last reset.
-        """
+        """Return the raw value in force: the entry's, or the last reset's."""
         return self.dictionary.cell(*address).value
 
     def is_scaled(self, address: ObjectAddress) -> bool:
@@ -84,10 +80,7 @@ class DriveFamily(ABC):
         return True
 
     def states(self, address: ObjectAddress) -> bool:
-        """Return True if the family defines a CiA 402 object's values.
-
-        It may have option codes of its own.
-        """
+        """Return True if the family defines a CiA 402 object's values."""
         return False
 
     @abstractmethod
@@ -95,11 +88,6 @@ class DriveFamily(ABC):
         """Bind the family's entries to a row of the axes.
 
         The CiA 402 entries and the engine's are bound already.
-
-        Args:
-            axes: The mechanics, and the arrays of the servo law.
-            row: Row of the axis in `Axes.rows`.
-            is_powered: Returns True if the motor is, or may be, under torque.
         """
 
     @abstractmethod

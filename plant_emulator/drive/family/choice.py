@@ -14,9 +14,7 @@ from plant_emulator.slave.dictionary import Dictionary, Entry
 
 
 def family_of(robot: Robot, number: int) -> DriveFamily:
-    """Return the family of the drive that moves an axis.
-
-    The robot file names it.
+    """Return the drive family that the robot file names for an axis.
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
@@ -57,13 +55,8 @@ def _own_entries(robot: Robot, number: int) -> list[Entry]:
     axis = robot.axis[number]
     gains = (0.0, 0.0, 0.0, 300.0)
     if axis.control is not None:
-        control = axis.control
-        gains = (
-            control.position_gain_per_s,
-            control.velocity_gain_nm_s_rad,
-            control.velocity_integral_gain_nm_rad,
-            control.lowpass_hz,
-        )
+        k = axis.control
+        gains = (k.position_gain_per_s, k.velocity_gain_nm_s_rad, k.velocity_integral_gain_nm_rad, k.lowpass_hz)
     shared = _entries_of_a_kind(
         encoder_counts_per_rev=axis.encoder_counts_per_rev,
         rated_torque_mnm=axis.rated_torque_mnm,

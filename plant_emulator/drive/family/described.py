@@ -1,7 +1,4 @@
-"""An emulated drive of any profile.
-
-The maker's tuning and filters act on the axis as far as the profile states them.
-"""
+"""An emulated drive of any profile, with its stated tuning and filters."""
 
 import re
 from collections.abc import Callable
@@ -54,7 +51,6 @@ class DescribedFamily(DriveFamily):
         gains: Gains,
         entries: FamilyDictionary,
     ) -> None:
-        """Keep the parts that `family_of` has put together."""
         self.profile, self._facts = profile.label, profile
         super().__init__(dictionary, scaling)
         self._gains = gains
@@ -109,10 +105,7 @@ class DescribedFamily(DriveFamily):
         return parameter.is_bytes or parameter.default is not None or parameter.address in self._written
 
     def _held(self, section: FilterSection) -> list[FixedFilter]:
-        """Return the filters of one section with the drive's values.
-
-        The result is empty if the section is off or has no effect.
-        """
+        """Return one section's filters that act, with the drive's values."""
         values = {}
         for name in (*section.parts.values(), *section.settings):
             parameter = self._facts.parameter(name)

@@ -86,10 +86,7 @@ class FamilyDictionary:
         return merged(base, self._stated({(entry.index, entry.subindex): entry for entry in base}))
 
     def _base_entries(self) -> list[Entry]:
-        """Return the entries beside the profile's parameters.
-
-        They are identity, engine, CiA 402, the store commands, and the objects that state the motor's scaling.
-        """
+        """Return identity, engine, CiA 402, store commands and the motor's scaling."""
         identity = self._facts.identity
         entries = communication_entries(
             device_type=objects.DEVICE_TYPE if identity.device_type is None else identity.device_type,

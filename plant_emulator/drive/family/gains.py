@@ -15,14 +15,7 @@ INTEGRAL_TIME = "velocity_integral_time_s"
 
 
 class Gains:
-    """Gains of a drive, as far as its drive profile states them.
-
-    Args:
-        profile: Drive profile.
-        loop: Loop of the drive profile.
-        axis: Gives the gains of the robot file and the torque constant.
-        scaling: Scaling of the drive.
-    """
+    """Gains of a drive, as far as its drive profile states them."""
 
     def __init__(self, profile: Profile, loop: LoopFacts, axis: RobotAxis, scaling: Scaling) -> None:
         self._profile, self._loop, self._scaling = profile, loop, scaling
@@ -39,10 +32,7 @@ class Gains:
         return parameter.address, parameter.value_per_step(self._scaling) * gain.factor * constant
 
     def factory(self) -> dict[ObjectAddress, Value]:
-        """Return the robot file's gains as the drive's objects hold them.
-
-        Gains of unknown scaling are left out.
-        """
+        """Return the robot file's gains of known scaling, in drive units."""
         control = self._control
         if control is None or self._loop.structure != "P-PI":
             return {}
@@ -58,9 +48,7 @@ class Gains:
         return raw
 
     def acting(self, held: Callable[[ObjectAddress], Any]) -> dict[str, float]:
-        """Return the gains that act, in SI units.
-
-        They are the drive's if their scaling is known, else the robot file's.
+        """Return the acting gains in SI: the drive's, else the file's.
 
         Args:
             held: Gives the value that acts of an object.

@@ -68,10 +68,7 @@ def stated_default(parameter: Parameter) -> Value | None:
 
 
 def _raw_limits(parameter: Parameter, scaling: Scaling) -> tuple[float | None, float | None]:
-    """Return the limits as the object holds them.
-
-    A limit beyond the data type is None.
-    """
+    """Return the limits as the object holds them; beyond its type None."""
     if parameter.is_bytes or parameter.data_type == "BOOLEAN":
         return None, None
     per_step = parameter.value_per_step(scaling)
@@ -97,10 +94,7 @@ def _zero(kind: DataType) -> Value:
 
 
 def _nearest(kind: DataType, value: Value, low: float | None, high: float | None) -> Value:
-    """Return the value, brought within the limits.
-
-    A value that the type cannot hold becomes 0.
-    """
+    """Return the value within limits; 0 if its type cannot hold it."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         number: float = value
         if low is not None:
@@ -115,10 +109,7 @@ def _nearest(kind: DataType, value: Value, low: float | None, high: float | None
 
 
 def si_steps(parameters: Iterable[Parameter], scaling: Scaling) -> dict[ObjectAddress, float]:
-    """Return SI units per step of differently scaled limits.
-
-    They are the CiA 402 limits and ramps that a profile scales differently.
-    """
+    """Return SI units per step of CiA 402 limits with other scales."""
     steps = {}
     for parameter in parameters:
         limit = MOTION_LIMITS.get(parameter.index)
@@ -197,9 +188,6 @@ def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:
 
 
 def state_abort_code(aborts: Iterable[tuple[int, str]]) -> int:
-    """Return the abort code of a write to an enabled drive.
-
-    It is the maker's own, if it has one.
-    """
+    """Return the (maker's) abort code of a write to an enabled drive."""
     words = ("device state", "present state", "drive state", "enabled", "operation enable")
     return next((code for code, text in aborts if any(word in text.lower() for word in words)), SdoAbortCode.DEVICE_STATE)

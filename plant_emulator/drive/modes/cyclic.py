@@ -1,7 +1,4 @@
-"""Cyclic synchronous position, velocity and torque.
-
-A set-point comes with every SYNC; the drive plans nothing.
-"""
+"""Cyclic synchronous position, velocity and torque: set-points by SYNC, nothing planned."""
 
 from typing import Any
 
@@ -14,13 +11,9 @@ from plant_emulator.motion.axes import live
 
 
 class Cyclic(ModeOfOperation):
-    """Common part of the three cyclic modes.
-
-    Bit 12 shows that the drive follows its set-points; it does not while halted or braking.
-    """
+    """Common part of the cyclic modes; bit 12: set-points are followed."""
 
     def __init__(self, stage: PowerStage) -> None:
-        """Keep references to the data that every SYNC reads."""
         super().__init__(stage)
         self._axes = stage.axes
         self._mode: Any = live(stage.axes.motion, "mode")
@@ -47,10 +40,7 @@ class CyclicPosition(Cyclic):
         self.targets.hold_position(with_offset=True)
 
     def synchronise(self, now: int) -> None:
-        """Apply the newest set-point at SYNC.
-
-        The drive reaches it in one interpolation period.
-        """
+        """Apply the newest set-point at SYNC, for the next interpolation period."""
         if self._mode[self.row] == record.POSITION:
             self._axes.set_point(self.row, self.data.cyclic_target_counts())
 
@@ -64,11 +54,6 @@ class MakersPosition(CyclicPosition):
     """A position mode of the drive's maker.
 
     It takes its own target with every SYNC; the emulator interpolates it as in CSP.
-
-    Args:
-        stage: The power stage.
-        number: Its number in 6060h.
-        target: Object of its target.
     """
 
     is_plain = False
@@ -91,10 +76,7 @@ class MakersPosition(CyclicPosition):
 
 
 class CyclicVelocity(Cyclic):
-    """CSV: 60FFh + 60B1h, with torque offset 60B2h.
-
-    The position loop is open.
-    """
+    """CSV: 60FFh + 60B1h, torque offset 60B2h; the position loop is open."""
 
     number, motion = Mode.CSV, record.VELOCITY
     needs_interpolation = True
@@ -106,10 +88,7 @@ class CyclicVelocity(Cyclic):
         self.targets.hold_speed(0.0 if is_braked else self.data.speed_rad_s)
 
     def synchronise(self, now: int) -> None:
-        """Apply the newest set-point at SYNC.
-
-        The drive reaches its speed in one interpolation period.
-        """
+        """Apply the newest set-point at SYNC, for the next interpolation period."""
         if self._mode[self.row] == record.VELOCITY:
             self._axes.set_speed(self.row, self.targets.speed_rad_s())
 
@@ -124,7 +103,6 @@ class CyclicTorque(Cyclic):
     needs_gains = False
 
     def __init__(self, stage: PowerStage) -> None:
-        """Keep references to the data that every SYNC writes."""
         super().__init__(stage)
         self._elapsed_periods: Any = live(stage.axes.motion, "elapsed_periods")
 

@@ -81,21 +81,13 @@ class GoTo(NamedTuple):
 
 
 class HomingAttained(NamedTuple):
-    """Homing is attained: the motor is at rest at the zero.
-
-    Args:
-        counts: Position of the encoder at the zero.
-    """
+    """Homing is attained: the motor is at rest at the zero."""
 
     counts: float
 
 
 class HomingFailed(NamedTuple):
-    """Homing error.
-
-    Args:
-        reason: Reason of the failure, for a log.
-    """
+    """Homing error."""
 
     reason: str
 
@@ -203,12 +195,7 @@ class Homing:
         self._demand = Move(0)
 
     def start(self, counts: float, inputs: int) -> HomingStep:
-        """Begin at the motor's present position.
-
-        Args:
-            counts: Position of the encoder now.
-            inputs: Bits of the switches that are active.
-        """
+        """Begin at the motor's present position."""
         method = self._method
         self._inside = inputs
         if self._here:
@@ -249,10 +236,7 @@ class Homing:
                 return HomingAttained(self._zero)
 
     def _coming_to_rest(self, inputs: int, edges: int) -> HomingStep:
-        """Return the demand on the way to rest or to zero.
-
-        A limit switch may be ahead.
-        """
+        """Return the demand on the way to rest or to zero."""
         is_hard = self._phase is _Phase.TURN or self._is_limit(inputs & ~self._inside, self._direction)
         if self._phase is _Phase.GO:
             return self._limit_entered(inputs, edges) or GoTo(self._zero, is_hard)
@@ -273,10 +257,7 @@ class Homing:
         return None
 
     def _is_limit(self, inputs: int, direction: int) -> bool:
-        """Return True if the limit switch in a direction is active.
-
-        The switch that the method searches does not count.
-        """
+        """Return True if a direction's limit switch (not the sought) is active."""
         return bool(inputs & _LIMIT_AHEAD[direction] & ~self._method.switch)
 
     def _limit_reached(self, direction: int) -> HomingFailed:

@@ -1,7 +1,4 @@
-"""Homing mode: bit 4 starts the sequence of `modes.homing`.
-
-Profiles of the drive move the axis.
-"""
+"""Homing mode: bit 4 starts `modes.homing`, on the drive's profiles."""
 
 from collections.abc import Sequence
 
@@ -34,9 +31,7 @@ _NOWHERE = (0.0,) * record.EDGES
 
 
 class HomingMode(ModeOfOperation):
-    """HM: 6098h at the speeds of 6099h, acceleration 609Ah.
-
-    607Ch is the number that the found position gets.
+    """HM: 6098h at the speeds of 6099h, acceleration 609Ah, to position 607Ch.
 
     While it runs, software position limits do not act: they count from the zero that is being searched. Clearing bit 4, a
     halt or another mode interrupts it; it continues after a halt only. An error, or a limit switch in the way, stops the
@@ -50,7 +45,6 @@ class HomingMode(ModeOfOperation):
     number, motion = Mode.HM, record.PROFILE
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
-        """Keep references to the power stage and the inputs."""
         super().__init__(stage)
         self._inputs = inputs
         self._edges = 0

@@ -39,10 +39,7 @@ class InterpolatedPosition(ModeOfOperation):
             self.stage.stop(Stop.SLOW_DOWN_RAMP)
 
     def synchronise(self, now: int) -> None:
-        """Apply the newest set-point at SYNC.
-
-        The drive reaches it in one interpolation period.
-        """
+        """Apply the newest set-point at SYNC, for the next interpolation period."""
         if self.is_active:
             self.stage.axes.set_point(self.row, self.targets.interpolated_counts())
 

@@ -38,17 +38,13 @@ class LimitSwitches:
     """
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
-        """Keep references to the axis."""
         self._stage, self._inputs = stage, inputs
         self._row, self._masks = stage.row, live(stage.axes.motion, "input_mask")
         self.blocked, self._given_up = 0, 0.0
 
     @property
     def are_there(self) -> bool:
-        """True if there is a limit switch.
-
-        The robot file defines it, or a test forces it.
-        """
+        """True if robot file or test provides a limit switch."""
         present: int = self._masks[self._row]  # asked at every SYNC
         return present & _LIMITS != 0
 
@@ -57,10 +53,7 @@ class LimitSwitches:
         self.blocked = 0
 
     def look(self, mode: ModeOfOperation) -> None:
-        """Check where the motion leads.
-
-        Call this after each advance of the axes in Operation enabled.
-        """
+        """Check where the motion leads, after each advance in Operation enabled."""
         if mode.number is Mode.HM or mode.is_halted:
             return
         if self.blocked and self._stage.law_mode == record.STOPPING:
@@ -85,10 +78,7 @@ class LimitSwitches:
         return _sign(float(motion["demand_speed_rad_s"]))
 
     def _asked(self, mode: ModeOfOperation) -> int:
-        """Return the direction of the master's latest set-point.
-
-        It is seen from the motor's present position.
-        """
+        """Return the direction of the master's latest set-point from the present position."""
         stage, data = self._stage, self._stage.data
         match mode.number:
             case Mode.CSP:

@@ -5,6 +5,7 @@ from typing import ClassVar
 from drive_profiles.standard.cia402 import HALT, TARGET_REACHED, Object
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import stop_of_halt
+from plant_emulator.motion import record
 
 
 class ModeOfOperation:
@@ -27,7 +28,6 @@ class ModeOfOperation:
     needs_interpolation: ClassVar[bool] = False
 
     def __init__(self, stage: PowerStage) -> None:
-        """Keep a reference to the power stage; nothing moves."""
         self.stage, self.data, self.targets, self.row = stage, stage.data, stage.targets, stage.row
         self.is_halted = self.watches = False
         self._word = 0
@@ -90,3 +90,26 @@ class ModeOfOperation:
     def resume(self) -> None:
         """Continue after a halt."""
         self.start()
+
+
+class NoMode(ModeOfOperation):
+    """Enabled drive with 6060h = 0.
+
+    The motor is held at its position, and set-points are ignored.
+
+    Some masters enable first and choose the mode afterwards (Motor402 of ros2_canopen). CiA 402 leaves open what a drive
+    does meanwhile. The targets keep the master's values; the next mode begins as from rest. Position limits do not act: no
+    commanded motion exists that they could stop, and homing leads back from outside them.
+    """
+
+    number: ClassVar[int] = 0
+    motion = record.PROFILE
+
+    def start(self) -> None:
+        """Hold the motor at its position."""
+        super().start()
+        self.data.limits.switch_position_limits(on=False)
+
+    def end(self) -> None:
+        """Reactivate the position limits."""
+        self.data.limits.switch_position_limits(on=True)

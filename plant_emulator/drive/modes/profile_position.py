@@ -1,7 +1,4 @@
-"""Profile position mode.
-
-One set-point is in execution, one waits behind it; bits 4 and 12 are the handshake.
-"""
+"""Profile position: set-points, one acting, one waiting; bits 4 and 12."""
 
 import math
 
@@ -43,12 +40,6 @@ class ProfilePosition(ModeOfOperation):
     number, motion = Mode.PP, record.PROFILE
 
     def __init__(self, stage: PowerStage, handshake_syncs: int = 0) -> None:
-        """Keep a reference to the power stage.
-
-        Args:
-            stage: The power stage.
-            handshake_syncs: SYNCs after which a set-point is acknowledged.
-        """
         super().__init__(stage)
         self._handshake_syncs = handshake_syncs
         self._syncs_left = 0
@@ -75,10 +66,7 @@ class ProfilePosition(ModeOfOperation):
         self.data.limits.halt_profile(False)
 
     def give_up(self) -> None:
-        """Hold the motor where a limit switch has stopped it.
-
-        607Ah keeps the master's value.
-        """
+        """Hold the motor where a limit switch has stopped it; 607Ah stays."""
         self.stage.begin(self.motion)
         self._forget()
         self._last_target = round(float(self.stage.motion["target_counts"]))

@@ -6,10 +6,7 @@ from plant_emulator.motion import record
 
 
 class ProfileTorque(ModeOfOperation):
-    """TQ: a target torque takes effect when it is written.
-
-    An earlier one takes effect when the drive is enabled.
-    """
+    """TQ: a target torque takes effect when written, or when enabled."""
 
     number, motion = Mode.TQ, record.PROFILE_TORQUE
     needs_gains = False

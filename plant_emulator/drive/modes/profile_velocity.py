@@ -6,10 +6,7 @@ from plant_emulator.motion import record
 
 
 class ProfileVelocity(ModeOfOperation):
-    """PV: a target velocity takes effect when it is written.
-
-    An earlier one takes effect when the drive is enabled.
-    """
+    """PV: a target velocity takes effect when written, or when enabled."""
 
     number, motion = Mode.PV, record.PROFILE_VELOCITY
 

@@ -5,8 +5,7 @@ from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity, MakersPosition
 from plant_emulator.drive.modes.homing_mode import HomingMode
 from plant_emulator.drive.modes.interpolated_position import InterpolatedPosition
-from plant_emulator.drive.modes.mode import ModeOfOperation
-from plant_emulator.drive.modes.no_mode import NoMode
+from plant_emulator.drive.modes.mode import ModeOfOperation, NoMode
 from plant_emulator.drive.modes.profile_position import ProfilePosition
 from plant_emulator.drive.modes.profile_torque import ProfileTorque
 from plant_emulator.drive.modes.profile_velocity import ProfileVelocity
@@ -15,10 +14,7 @@ from plant_emulator.robots.behaviour import Behaviour
 
 
 def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour, family: DriveFamily) -> dict[int, ModeOfOperation]:
-    """Return the modes of one drive.
-
-    They are those that its family offers, its maker's own, and 0, no mode.
-    """
+    """Return one drive's modes: its family's, its maker's own, and 0, none."""
     modes: list[ModeOfOperation] = [
         ProfilePosition(stage, behaviour.pp_handshake_cycles),
         ProfileVelocity(stage),

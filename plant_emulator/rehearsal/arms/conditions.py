@@ -31,13 +31,7 @@ ALONG = 0.9
 
 
 class Condition(NamedTuple):
-    """A condition.
-
-    Attributes:
-        name: Its name, as in the columns of a row.
-        robot: The robot in it.
-        bench: The bench file with its line.
-    """
+    """A condition."""
 
     name: str
     robot: ArmRobot
@@ -74,10 +68,7 @@ def with_payload(robot: ArmRobot, factor: float) -> ArmRobot:
 
 
 def _others(bench: Bench, line: LineMotion, *, moves_start: bool) -> Iterator[Bench]:
-    """Yield bench files with other lines that the arm can follow.
-
-    The line that is furthest away comes first.
-    """
+    """Yield bench files with other lines to follow, the furthest first."""
     start, end = _vector(line.start_m), _vector(line.end_m)
     own = (end - start) / np.linalg.norm(end - start)
     ways = [sign * unit for unit, sign in product(np.eye(3)[[2, 1, 0]], (-1.0, 1.0)) if abs(float(unit @ own)) < ALONG]

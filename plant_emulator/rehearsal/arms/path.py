@@ -3,17 +3,13 @@
 The cancellation is learnt on the arm's line, used in a run there, and tested elsewhere, by the true tip.
 """
 
-import tempfile
-import time
 from collections.abc import Callable, Collection
-from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from drive_profiles.files.toml import loads
-from drive_profiles.version import version_text
 from hil.arm.straight_line import LineError
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, load_identified
@@ -30,7 +26,7 @@ from hil.recording import Recording
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, Condition, conditions_of
-from plant_emulator.rehearsal.many.rows import BROKEN, WALKED
+from plant_emulator.rehearsal.many.one import walked
 from plant_emulator.rehearsal.record import FLOOR_FACTOR, MAX_WORDS, QUIET_MM, WORSE_FRACTION, WORSE_MM
 from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, note_of_run
 from plant_emulator.rehearsal.survey import session_on
@@ -38,15 +34,12 @@ from plant_emulator.rehearsal.truth import quiet, without_error
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
 from plant_emulator.robots.robot import ArmRobot, Robot, load_robot
-from plant_emulator.trials.rows import Row, Value, plain
+from plant_emulator.trials.rows import Row, Value
 from plant_emulator.world import World
 
 
 class LineTip(NamedTuple):
-    """Largest displacement of the tip in the judged times, mm.
-
-    It is given along x, y and z, and in its worst direction.
-    """
+    """Largest tip displacement while judged (x, y, z, worst direction), mm."""
 
     x: float
     y: float
@@ -106,9 +99,7 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
 
 
 def _tip(robot: Robot, bench: Bench, model: Identified | None, left_out: Collection[Part]) -> LineTip | None:
-    """Return the tip of one run.
-
-    The result is None if the product refuses or stops the run.
+    """Return a run's tip; None if the product refuses or stops it.
 
     Raises:
         KeyboardInterrupt: A signal ended the run.
@@ -164,34 +155,13 @@ def run_arm_seed(seed: int, keep: str | None = None) -> Row:
 
     Args:
         seed: Seed of the arm; 0 is the reference arm.
-        keep: Folder in which a folder named by the seed keeps all files of the path; None: they are deleted at its end.
-
-    Returns:
-        The arm's row; internal error is in it, and ends nothing else.
+        keep: As of `walked`.
     """
-    cells: dict[str, object]
-    begin = time.process_time()
-    try:
-        robot, bench = arm_of(seed)
-        with tempfile.TemporaryDirectory(prefix="rehearsal") if keep is None else nullcontext(f"{keep}/{seed}") as folder:
-            cells = {"walk": WALKED, "walk_words": "", **run_arm(robot, bench, Path(folder))}
-    except Exception as error:  # noqa: BLE001 - of a hundred arms one that breaks is a row, and no end
-        cells = {"walk": BROKEN, "walk_words": f"{type(error).__name__}: {error}"[:MAX_WORDS]}
-    cells |= {"cpu_s": time.process_time() - begin, "version": version_text()}
-    row: dict[str, Value] = {"seed": seed, "kind": "arm"}
-    return row | {name: plain(value) for name, value in cells.items()}
+    return walked({"seed": seed, "kind": "arm"}, keep, lambda folder: run_arm(*arm_of(seed), folder))
 
 
 def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
-    """Run the documented path on one arm.
-
-    Learn on its line, run with the result, and measure the true tip in all conditions.
-
-    Args:
-        robot: The arm.
-        bench: The bench file, which knows nothing of it.
-        folder: Directory of all files.
-    """
+    """Learn on an arm's line, run, measure the tip in all conditions."""
     row: dict[str, Value] = dict(arm_facts(robot))
     if bench.line_motion is None:
         return row | {
@@ -254,9 +224,7 @@ def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChann
 
 
 def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:
-    """Take a step of the path; return its end and result.
-
-    The end is in words.
+    """Take a step of the path; return words on its end, result.
 
     Raises:
         KeyboardInterrupt: A signal ended a motion.
@@ -273,7 +241,6 @@ def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | 
 
 
 def _surveyed(robot: ArmRobot, bench: Bench, learnt: Identified | None, left_out: tuple[Part, ...]) -> dict[str, Value]:
-    """Measure the true tip in all conditions, and judge it."""
     row: dict[str, Value] = {}
     quiet, worse = [], []
     for condition in conditions_of(robot, bench):

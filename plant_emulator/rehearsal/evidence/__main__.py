@@ -11,8 +11,7 @@ from pathlib import Path
 
 from drive_profiles.files.safefile import write_atomically
 from hil.report.report_table import Cell, ReportTable
-from plant_emulator.rehearsal.evidence.recordings import record, recorded_robots
-from plant_emulator.rehearsal.evidence.replay import REPLAYED, replayed
+from plant_emulator.rehearsal.evidence.replay import REPLAYED, record, recorded_robots, replayed
 from plant_emulator.rehearsal.many.reading import of_kind
 from plant_emulator.rehearsal.many.seeds import seeds_of
 from plant_emulator.rehearsal.many.summary import FAR_Z, QuantityStatistics, quantities

@@ -4,8 +4,7 @@ import sys
 
 from drive_profiles.family.runs import FILE, FamilyRuns
 from drive_profiles.files import toml as files
-from plant_emulator.rehearsal.families.made import as_toml, family_run
-from plant_emulator.rehearsal.families.rig import vendor_families
+from plant_emulator.rehearsal.families.made import as_toml, family_run, vendor_families
 
 if __name__ == "__main__":
     wanted = sys.argv[1:] or vendor_families()

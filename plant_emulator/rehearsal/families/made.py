@@ -1,13 +1,14 @@
 """Move, identify and cancel a family's emulated drive, as `hil` does."""
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drive_profiles.family.profile import Profile
+from drive_profiles.family.profile import Profile, available
 from drive_profiles.family.runs import FamilyRun, FamilyRuns
-from hil.bench.bench import Bench, load_bench
+from hil.bench.bench import AxisTable, Bench, load_bench
 from hil.control.treatments import TreatmentName
 from hil.errors import HilError
 from hil.experiments.plan import Experiment
@@ -16,24 +17,77 @@ from hil.experiments.treatment import Knowledge
 from hil.master.drive.limits import holders
 from hil.master.drive.mapping import mode_of
 from hil.results.runs import ExperimentsResult
+from hil.robot_tables import Control
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.rehearsal.families.rig import bench_of, robot_of
+from plant_emulator.drive.family.dictionary import vendor_scaling
 from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, note_of_run
-from plant_emulator.robots.part import part_of
-from plant_emulator.robots.robot import Robot, load_robot
-from plant_emulator.robots.writing import file_text
+from plant_emulator.robots.blank_bench import file_text
+from plant_emulator.robots.robot import Robot, RobotAxis, load_robot, part_of, with_drives
+from plant_emulator.robots.tuning import tuned
 from plant_emulator.world import World
+
+
+def vendor_families() -> list[str]:
+    """Return the names of all makers' drive families."""
+    drives = (name for name in available() if Profile.load(name).kind == "drive")
+    return [name for name in drives if name != "emulated_drive"]
+
+
+def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
+    """Return a robot with drives of these families.
+
+    They hold the gains of the bench file, as if set by their maker's tool.
+
+    Args:
+        robot: The robot.
+        bench: Its bench file, with gains.
+        families: Families by axis; the other axes keep their drives.
+    """
+    gains = {number: bench.axis[number].gains(f"axis {number}") for number in families}
+    return tuned(with_drives(robot, families), gains)
+
+
+def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:
+    """Return the bench file of such a robot.
+
+    It states what the drives cannot report.
+    """
+    tables = {number: _table(robot.axis[number], bench.axis[number], name) for number, name in families.items()}
+    changed = bench.model_copy(update={"axis": {**bench.axis, **tables}})
+    longest = max((Profile.load(name).sync.min_period_s or 0.0 for name in families.values()), default=0.0)
+    shortest = min((Profile.load(name).sync.max_period_s or 1.0 for name in families.values()), default=1.0)
+    period = min(max(bench.bus.sync_period_s, longest), shortest)
+    return changed.model_copy(update={"bus": bench.bus.model_copy(update={"sync_period_s": period})})
+
+
+def _table(axis: RobotAxis, table: AxisTable, name: str) -> AxisTable:
+    profile = Profile.load(name)
+    scaling, torque = vendor_scaling(profile, axis), profile.torque
+    has_gains = all(gain in profile.parameters for gain in Control.model_fields)
+    limits = table.limits
+    held = profile.parameters.get("torque_limit_per_mille")
+    if held is not None and held.maximum is not None:  # a drive whose object takes no more than this
+        most_nm = held.maximum * scaling.torque_quantum_nm
+        limits = limits.model_copy(update={"torque_nm": min(limits.torque_nm, most_nm)})
+    update = {
+        "profile": name,
+        "limits": limits,
+        "notch": (),
+        "gains_are_set": not has_gains,
+        "encoder_counts_per_rev": scaling.encoder_counts_per_rev,
+        "rated_torque_nm": axis.rated_torque if torque is not None and torque.rated_torque is None else None,
+        "torque_constant_nm_a": axis.torque_constant_nm_a,
+    }
+    return table.model_copy(update=update)
+
 
 AXIS = 2
 
 
 @dataclass(frozen=True)
 class Family:
-    """A family's drive on axis 2 of the reference robot.
-
-    It is alone on its bus.
-    """
+    """A family's drive as axis 2 of the reference robot, alone."""
 
     bench: Bench
     robot: Robot
@@ -93,7 +147,6 @@ def family_run(name: str) -> FamilyRun:
 
 
 def _plant_refusal(family: Family, folder: Path) -> str:
-    """Return why the plant is not identified; "" if it is."""
     folder.mkdir()
     try:
         family.steps(PathFiles(folder)).plant()
@@ -103,7 +156,6 @@ def _plant_refusal(family: Family, folder: Path) -> str:
 
 
 def _tip_mm(result: ExperimentsResult) -> float:
-    """Return the tip's largest peak in any judged window."""
     return round(max(run.tip_peak_mm for run in result.runs if run.tip_peak_mm is not None), 4)
 
 

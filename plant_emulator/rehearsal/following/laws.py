@@ -52,15 +52,7 @@ class _Order:
 
 
 class FollowerBase(Follower, ABC):
-    """Common part of both laws.
-
-    Args:
-        arm: The arm.
-        orders: Orders that are followed.
-        band: Section of the band-pass.
-        period_s: SYNC period.
-        settings: Bounds and thresholds, as the observer has them.
-    """
+    """Common part of both laws."""
 
     def __init__(
         self,
@@ -87,14 +79,7 @@ class FollowerBase(Follower, ABC):
     def step(
         self, angles_rad: list[float], references_rad: list[float], levers_m: list[float], acceleration_m_s2: float | None
     ) -> None:
-        """Process one sample.
-
-        Args:
-            angles_rad: As `Follower` has it.
-            references_rad: The same.
-            levers_m: The same.
-            acceleration_m_s2: The same.
-        """
+        """Process one sample."""
         angle, period, own = angles_rad[0], self._period_s, self._set
         last = angle if self._angle is None else self._angle
         blend = 1.0 - math.exp(-math.tau * own.speed_lowpass_hz * period)

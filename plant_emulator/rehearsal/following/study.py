@@ -38,9 +38,7 @@ RECOVERED, FLOOR_MM = 1.3, 0.001
 
 @dataclass(frozen=True)
 class Outcome:
-    """One law on one motion of one robot.
-
-    Lengths are in mm at the true tip.
+    """A law on a robot's motion; lengths are true tip in mm.
 
     Attributes:
         seed: The robot.
@@ -106,10 +104,7 @@ def ramp(rig: Rig) -> Real:
 
 
 def constant(rig: Rig, order: float = 2.0, revolutions: float = CONSTANT_REV) -> Real:
-    """Return a constant speed at which an order meets the resonance.
-
-    A rise precedes it.
-    """
+    """Return a constant speed (after a rise) in resonance with an order."""
     speed = rig.f_al_hz / order
     rise = speed / RISE_RPS_S
     time = _instants(rig, 0.2 + rise + revolutions / speed)
@@ -165,12 +160,6 @@ def _tried(rig: Rig, law: str, angles: Real, turned: Callable[[float], float]) -
     The result has the parts of the orders from which on they are tracked; None if the trial refuses.
 
     The other laws do not state how well they know the remainder; for them the trial takes all or nothing.
-
-    Args:
-        rig: The axis.
-        law: The law.
-        angles: Motor angles at each SYNC.
-        turned: Turn of φ_k at a time.
     """
     noises, number = count(AFTER_TRIAL + 1), rig.number
     orders = [each.order for each in rig.followed()]
@@ -243,10 +232,7 @@ class LawSummary(NamedTuple):
 
 
 def summary(found: Sequence[Outcome]) -> Iterator[LawSummary]:
-    """Yield counts and medians of outcomes.
-
-    There is a row for each law on each motion.
-    """
+    """Yield counts and medians of outcomes, by law and motion."""
     for motion in dict.fromkeys(each.motion for each in found):
         for law in dict.fromkeys(each.law for each in found):
             own = [each for each in found if each.motion == motion and each.law == law]

@@ -15,13 +15,7 @@ LAST_WORDS = ("cancellation_learnt", "learn", "cancellation", "ate", "plant")
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause that a refusal can state.
-
-    Attributes:
-        name: Name, as the error has it.
-        condition: The robots that have it, in words.
-        is_true: True for a robot that has it.
-    """
+    """A cause that a refusal can state."""
 
     name: RefusalCause
     condition: str
@@ -84,10 +78,6 @@ class Refusal:
     """The refusal that ended a path.
 
     Attributes:
-        seed: Seed of the robot.
-        step: The step that refused.
-        words: Its words.
-        named: Names of the causes that it names.
         is_true: True if the robot has one of these causes.
     """
 
@@ -116,10 +106,7 @@ def main_refusal(row: Row) -> Refusal | None:
 
 
 def _told(row: Row) -> Refusal | None:
-    """Return the causes of the tip that the path leaves.
-
-    The result is None if the path's end states nothing, or knows no cause.
-    """
+    """Return the causes of the path's remaining tip, None if unknown."""
     causes, end, goal = text(row, "end_causes").split(", "), number(row, "end_tip_mm"), number(row, "goal_mm")
     if causes[0] in {"", NOT_EXPLAINED} or end is None or goal is None:
         return None

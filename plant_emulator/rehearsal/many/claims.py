@@ -5,10 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 from plant_emulator.rehearsal.many.causes import main_refusal
-from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
+from plant_emulator.rehearsal.many.reading import KIND_NAMES, QUANTITY_NAMES, accepted, is_quiet, of_kind
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
-from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES
 from plant_emulator.rehearsal.record import PROBES, STEPS
 from plant_emulator.trials.rows import Row, numbers, text
 from plant_emulator.trials.statistics import fraction_text
@@ -34,7 +33,6 @@ class RehearsalClaim:
     Attributes:
         key: Name in files.
         name: Name in tables, short.
-        words: The claim in words.
         asked: Number that is asked for, with its unit.
         measured: Measured number, with its quantity.
         holds: True if it holds; None if nothing was measured.

@@ -11,16 +11,20 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
 from hil.report import style
 from hil.report.style import Drawing
 from plant_emulator.rehearsal.many.claims import CPU_S, RMS_Z
-from plant_emulator.rehearsal.many.reading import ENDED, is_done, is_quiet, of_kind, worst_tip_mm
-from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
-from plant_emulator.rehearsal.many.wording import (
+from plant_emulator.rehearsal.many.reading import (
+    ENDED,
     FACT_NAMES,
     KIND_NAMES,
     QUANTITY_NAMES,
     STEP_NAMES,
     TREATMENT_NAMES,
+    is_done,
+    is_quiet,
+    of_kind,
     robots_of,
+    worst_tip_mm,
 )
+from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
 from plant_emulator.rehearsal.record import QUIET_MM, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import run_fraction
@@ -61,10 +65,7 @@ def kinds_of(rows: Sequence[Row]) -> list[str]:
 
 
 def tips(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of the true tip over the goal, by treatment.
-
-    It shows the fraction of all robots that stay below.
-    """
+    """Return the figure of true tips over the goal, by treatment."""
     kinds = kinds_of(rows)
     if not numbers(rows, "goal_mm"):
         return None
@@ -102,10 +103,7 @@ def _ratios(rows: Sequence[Row], treatment: str) -> list[float]:
 
 
 def before_and_after(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of each robot's true tip before and after.
-
-    The tip at the path's end is shown over that without a treatment.
-    """
+    """Return the figure of each final tip over that before treatment."""
     found = [
         (before, after, is_quiet(row), text(row, "end_treatment") != "none")
         for row in rows[:MOST_POINTS]
@@ -177,10 +175,7 @@ def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, w
 
 
 def facts(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of the fraction within the goal.
-
-    It is drawn over facts of the robots.
-    """
+    """Return the figure of the fraction within the goal over facts."""
     shown = [name for name in FACTS_SHOWN if len(set(numbers(rows, f"robot_{name}"))) > 1]
     if not shown:
         return None
@@ -234,10 +229,7 @@ def _fractions(panel: Axes, pairs: Any) -> None:
 
 
 def errors(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of the deviations in standard errors.
-
-    It shows their spread and root mean square.
-    """
+    """Return the figure of the deviations' spread and rms in standard errors."""
     found = quantities(rows)
     if not found:
         return None

@@ -1,12 +1,10 @@
-"""One robot of a rehearsal: drawn, run, and made a row.
-
-A process or a cluster's worker executes `run_seed`.
-"""
+"""One robot of a rehearsal: drawn, run, and made a row."""
 
 import tempfile
 import threading
 import time
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import cast, get_args
 
@@ -60,6 +58,25 @@ def facts(seed: int, kind: str) -> Row:
     return {name: plain(value) for name, value in ({"seed": seed, "kind": kind_of(seed, kind)} | found).items()}
 
 
+def walked(head: Mapping[str, object], keep: str | None, walk: Callable[[Path], Mapping[str, object]]) -> Row:
+    """Return the row of a robot's path, also of one that breaks.
+
+    Args:
+        head: The row's first cells, the seed among them.
+        keep: Folder in which a folder named by the seed keeps all files of the path; None: they are deleted at its end.
+        walk: Goes the path, with this folder for its files; gives the other cells.
+    """
+    begin, kept = time.process_time(), None if keep is None else nullcontext(f"{keep}/{head['seed']}")
+    cells: dict[str, object] = {"walk": WALKED, "walk_words": ""}
+    try:
+        with kept or tempfile.TemporaryDirectory(prefix="rehearsal") as folder:
+            cells |= walk(Path(folder))
+    except Exception as error:  # noqa: BLE001 - of a thousand robots one that breaks is a row, and no end
+        cells = {"walk": BROKEN, "walk_words": f"{type(error).__name__}: {error}"[:MAX_WORDS]}
+    cells.setdefault("cpu_s", time.process_time() - begin)
+    return {name: plain(value) for name, value in (dict(head) | cells | {"version": version_text()}).items()}
+
+
 def run_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, probed_every: int = 1) -> Row:
     """Run the documented path on a seed's robot.
 
@@ -67,27 +84,14 @@ def run_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, prob
         seed: Seed of the robot.
         kind: One of `KINDS`.
         over_bus: Run over a bus, not in this process.
-        keep: Folder in which a folder named by the seed keeps all files of the path; None: they are deleted at its end.
+        keep: As of `walked`.
         probed_every: Wrong corrections are tried on robots whose seed is a multiple of this; they cost as much as the path.
-
-    Returns:
-        The robot's row; internal error is in it, and ends nothing else.
     """
-    head: dict[str, object] = {"seed": seed, "kind": kind_of(seed, kind)}
+    options = PathOptions(over_bus=over_bus, keeps_files=keep is not None, with_probes=seed % probed_every == 0)
+
+    def walk(folder: Path) -> Mapping[str, object]:
+        robot, text = drawn(seed, kind)
+        return run_path(robot, loads(text, Bench, "blank bench"), folder, options).row()
+
     with _ALONE:
-        begin = time.process_time()
-        try:
-            robot, text = drawn(seed, kind)
-            with _folder(None if keep is None else f"{keep}/{seed}") as folder:
-                is_probed = seed % probed_every == 0
-                options = PathOptions(over_bus=over_bus, keeps_files=keep is not None, with_probes=is_probed)
-                record = run_path(robot, loads(text, Bench, "blank bench"), Path(folder), options)
-            cells = {"walk": WALKED, "walk_words": ""} | record.row()
-        except Exception as error:  # noqa: BLE001 - of a thousand robots one that breaks is a row, and no end
-            words = f"{type(error).__name__}: {error}"[:MAX_WORDS]
-            cells = {"walk": BROKEN, "walk_words": words, "cpu_s": time.process_time() - begin}
-    return {name: plain(value) for name, value in (head | cells | {"version": version_text()}).items()}
-
-
-def _folder(keep: str | None) -> AbstractContextManager[str]:
-    return tempfile.TemporaryDirectory(prefix="rehearsal") if keep is None else nullcontext(keep)
+        return walked({"seed": seed, "kind": kind_of(seed, kind)}, keep, walk)

@@ -12,8 +12,7 @@ from hil.report.pages.page import PageVerdict, Section, filled_sections
 from plant_emulator.rehearsal.many import figures, tables
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
-from plant_emulator.rehearsal.many.reading import is_quiet, of_kind
-from plant_emulator.rehearsal.many.wording import KIND_NAMES
+from plant_emulator.rehearsal.many.reading import KIND_NAMES, is_quiet, of_kind
 from plant_emulator.trials import page
 from plant_emulator.trials.rows import Row, text
 

@@ -1,7 +1,4 @@
-"""Rows of the table, one per robot.
-
-They hold plain values by column name. Each is saved atomically in a file of its own.
-"""
+"""Rows of the table, one per robot, each in its file."""
 
 import json
 import math
@@ -11,8 +8,8 @@ from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.files.safefile import write_atomically, write_json
+from plant_emulator.trials.executors import CRASHED_WORDS
 from plant_emulator.trials.rows import Row, Value
-from plant_emulator.trials.running import CRASHED_WORDS
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 """Ends of a robot's path: at its end, by an internal error, with its process."""
@@ -54,10 +51,6 @@ class Kept:
 
     def begin(self, settings: RehearsalSettings, *, resume: bool) -> None:
         """Begin a rehearsal in a folder, or resume one.
-
-        Args:
-            settings: RehearsalSettings of this rehearsal.
-            resume: True if rows that are there already are to be kept.
 
         Raises:
             RefusedError: There are rows already and `resume` is not given, or they were made with other settings.

@@ -18,7 +18,6 @@ class QuantityStatistics:
     """Estimates of one quantity against the truth.
 
     Attributes:
-        name: The quantity.
         count: Robots of which estimate, truth and standard error are known.
         median_off: Median of the deviation: of the true value as a fraction, of an angle in degrees.
         median_error: Median standard error, in the quantity's unit.

@@ -8,10 +8,22 @@ from hil.report.report_table import number as number_text
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
-from plant_emulator.rehearsal.many.reading import ENDED, accepted, is_done, is_quiet, of_kind, tips_mm, worst_tip_mm
+from plant_emulator.rehearsal.many.reading import (
+    ENDED,
+    KIND_NAMES,
+    QUANTITY_NAMES,
+    STEP_NAMES,
+    TREATMENT_NAMES,
+    accepted,
+    is_done,
+    is_quiet,
+    of_kind,
+    robots_of,
+    tips_mm,
+    worst_tip_mm,
+)
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
-from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, robots_of
 from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import SHOWN_PERCENT, percentiles
@@ -30,10 +42,7 @@ def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
 
 
 def tips(rows: Sequence[Row]) -> ReportTable:
-    """Return percentiles of the worst order's true tip, by treatment.
-
-    They are in mm.
-    """
+    """Return percentiles of the worst order's true tip in mm, by treatment."""
     cells: list[list[Cell]] = []
     groups = {}
     for kind in kinds_of(rows):
@@ -93,10 +102,7 @@ def causes(rows: Sequence[Row]) -> ReportTable:
 
 
 def estimates(rows: Sequence[Row]) -> ReportTable:
-    """Return each quantity's deviations from the truth.
-
-    Their expectation by the standard error is beside them.
-    """
+    """Return quantities' deviations, beside what their standard errors let expect."""
     cells: list[list[Cell]] = []
     for each in quantities(rows):
         off = NONE if each.median_off is None else number_text(each.median_off, "{:.2g}°")
@@ -128,10 +134,7 @@ def worse(rows: Sequence[Row]) -> ReportTable:
 
 
 def probes(rows: Sequence[Row]) -> ReportTable:
-    """Return the trial of wrong corrections.
-
-    The table has the number tried, the number accepted, and their effect.
-    """
+    """Return how many wrong corrections were tried and accepted, and their effect."""
     cells: list[list[Cell]] = []
     for name in PROBES:
         tried = [row for row in rows if row.get(f"probe_{name}_accepted") is not None]
@@ -159,10 +162,7 @@ def cost(rows: Sequence[Row]) -> ReportTable:
 
 
 def robots(rows: Sequence[Row]) -> ReportTable:
-    """Return the robots that miss the goal, one by one.
-
-    Those with an internal error come first.
-    """
+    """Return the robots that miss the goal, internal errors first."""
     found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
     cells: list[list[Cell]] = []
     for row in found[:MOST_LISTED]:

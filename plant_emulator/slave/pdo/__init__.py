@@ -3,7 +3,7 @@
 The modules handle set-up, mapping, reception and transmission.
 
 >>> from drive_profiles.standard.cia301 import DataType
->>> from plant_emulator.slave.pdo.bit_packer import BitPacker
+>>> from plant_emulator.slave.pdo.setup import BitPacker
 >>> BitPacker([(DataType.UNSIGNED8, 8), (None, 4), (DataType.BOOLEAN, 1)]).pack(0x2A, True).hex(" ")
 '2a 10'
 """

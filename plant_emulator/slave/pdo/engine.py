@@ -17,9 +17,7 @@ _Listener = Callable[[bytes, int], None]
 
 
 class PdoEngine:
-    """All PDOs of a node, sorted by their triggers.
-
-    A SYNC touches only the PDOs that it concerns.
+    """All PDOs of a node by trigger; SYNC touches only its own.
 
     Args:
         dictionary: Must have the records 1400h to 1403h and 1800h to 1803h, as many as there are.
@@ -42,9 +40,7 @@ class PdoEngine:
         on_started: Callable[[], None],
         on_missing: Callable[[int], None],
     ) -> None:
-        self._sync = sync
-        self._changed = changed
-        self._on_missing = on_missing
+        self._sync, self._changed, self._on_missing = sync, changed, on_missing
         self._is_running = self._is_loading = False
         self.rpdos = [
             Rpdo(dictionary, n, emergency=emergency, sync=sync, changed=self.sort, on_started=on_started)
@@ -82,10 +78,7 @@ class PdoEngine:
 
     @property
     def listeners(self) -> dict[int, _Listener]:
-        """Receivers of frames that concern a PDO, by identifier.
-
-        The key of a remote request has the RTR flag.
-        """
+        """Receivers of PDO frames by identifier, remote requests with the RTR flag."""
         by_id: dict[int, list[_Listener]] = {}
         for rpdo in self._listening:
             by_id.setdefault(rpdo.can_id, []).append(rpdo.entrance)
@@ -95,10 +88,7 @@ class PdoEngine:
 
     @property
     def due(self) -> int | None:
-        """Instant of the next check for events and deadlines.
-
-        An event-driven TPDO or an RPDO's deadline is checked then.
-        """
+        """Instant of the next check of TPDO events and RPDO deadlines."""
         first = min((tpdo.due for tpdo in self.event_driven if tpdo.due is not None), default=None)
         if self._watched:
             deadlines = [due for rpdo in self._watched if (due := rpdo.deadline.due) is not None]

@@ -27,8 +27,7 @@ class Deadline:
 
     def __init__(self, number: int, emergency: EmergencyProducer, on_started: Callable[[], None]) -> None:
         self.due: int | None = None
-        self._emergency = emergency
-        self._on_started = on_started
+        self._emergency, self._on_started = emergency, on_started
         self._cause = f"RPDO {number} time-out"
         self._is_missing = False
         self._heard_at = self._period_ns = 0
@@ -47,10 +46,7 @@ class Deadline:
             self._on_started()
 
     def check(self, now: int) -> bool:
-        """Return True if the deadline has just passed.
-
-        Frames since the last check postpone it.
-        """
+        """Return True if the deadline, postponed by frames, has just passed."""
         if self.due is None or now < self.due:
             return False
         deadline = self._heard_at + self._period_ns
@@ -75,14 +71,6 @@ class Rpdo(PdoSetup):
     of SYNC, is not. What comes too late is reported as emergency 8250h, one cause for each PDO. Leaving operational, and
     any change of the PDO, withdraw its emergencies and wait for a first frame again.
 
-    Args:
-        dictionary: Object dictionary of the node, see `PdoSetup`.
-        number: 0 for the first PDO.
-        emergency: Hears of frames of the wrong length and of those that fail to come.
-        sync: SYNC consumer, whose window counts.
-        changed: Called after a change of the set-up, see `PdoSetup`.
-        on_started: Called when the deadline begins to run, see `Deadline`.
-
     Attributes:
         number: 1 for the first PDO.
         deadline: Time by which the next frame must have come.
@@ -101,8 +89,7 @@ class Rpdo(PdoSetup):
         super().__init__(dictionary, number, is_transmit=False, changed=changed)
         self.number = number + 1
         self.deadline = Deadline(self.number, emergency, on_started)
-        self._emergency = emergency
-        self._sync = sync
+        self._emergency, self._sync = emergency, sync
         self._cause = f"RPDO {self.number} length"
         self._pending: bytes | None = None
         self._has_wrong_length = False

@@ -1,17 +1,66 @@
-"""Parameters of one PDO, and the order of changing them.
-
-Source: CiA 301, 7.5.2.35 to 7.5.2.38.
-"""
+"""Parameters of a PDO, changed in order (CiA 301, 7.5.2.35 to 7.5.2.38)."""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from drive_profiles.standard.cia301 import CobIdBit, DataType, SdoAbortCode, is_restricted
+from drive_profiles.standard.cia301 import CobIdBit, DataType, SdoAbortCode, Value, decode, encode, is_restricted
 from hil.can.frame import CAN_SFF_MASK
 from plant_emulator.slave.dictionary import Cell, Dictionary
-from plant_emulator.slave.pdo.bit_packer import BitPacker, Field, bits_of
+
+Field = tuple[DataType | None, int]
+"""A data type, or None for a gap, and the bits that it takes."""
+
+
+def bits_of(data_type: DataType) -> int:
+    """Return the number of bits that a value takes in a PDO.
+
+    It is 1 for a BOOLEAN, else the bits of its bytes (CiA 301, 7.4.7).
+    """
+    return 1 if data_type is DataType.BOOLEAN else 8 * (data_type.size or 0)
+
+
+class BitPacker:
+    """Packer for fields of any number of bits (CiA 301, 7.5.2.36).
+
+    It has the methods of `struct.Struct` that a PDO uses.
+
+    The first field lies in the least significant bits of the first byte, the next one above it, and so on through the
+    bytes, as a little-endian number; the bits above the last field are 0. Made of whole bytes, this is what `struct` gives.
+
+    Attributes:
+        size: Bytes that the fields take, the last one perhaps in part.
+    """
+
+    def __init__(self, fields: Sequence[Field]) -> None:
+        self._fields: list[tuple[DataType, int, int]] = []
+        end = 0
+        for data_type, bits in fields:
+            if data_type is not None:
+                self._fields.append((data_type, end, bits))
+            end += bits
+        self.size = -(-end // 8)
+
+    def pack(self, *values: Value) -> bytes:
+        """Pack one value for each field that is not a gap.
+
+        Raises:
+            ValueError: A value is not of its field's type, or there are more or fewer values than fields.
+        """
+        number = 0
+        for (data_type, offset, _), value in zip(self._fields, values, strict=True):
+            number |= int.from_bytes(encode(data_type, value), "little") << offset
+        return number.to_bytes(self.size, "little")
+
+    def unpack_from(self, data: bytes) -> tuple[Value, ...]:
+        """Unpack the values that are not gaps; bytes behind are ignored."""
+        number = int.from_bytes(data, "little")
+        return tuple(
+            decode(data_type, (number >> offset & (1 << bits) - 1).to_bytes(-(-bits // 8), "little"))
+            for data_type, offset, bits in self._fields
+        )
+
 
 RPDO_COMMUNICATION, RPDO_MAPPING = 0x1400, 0x1600
 TPDO_COMMUNICATION, TPDO_MAPPING = 0x1800, 0x1A00
@@ -78,9 +127,7 @@ class PdoSetup:
     """
 
     def __init__(self, dictionary: Dictionary, number: int, *, is_transmit: bool, changed: Callable[[], None]) -> None:
-        self._dictionary = dictionary
-        self._is_transmit = is_transmit
-        self._changed = changed
+        self._dictionary, self._is_transmit, self._changed = dictionary, is_transmit, changed
         self._communication = (TPDO_COMMUNICATION if is_transmit else RPDO_COMMUNICATION) + number
         self._mapping = (TPDO_MAPPING if is_transmit else RPDO_MAPPING) + number
         self.can_id = self.transmission_type = self.inhibit_ns = self.event_timer_ns = self.start_value = 0

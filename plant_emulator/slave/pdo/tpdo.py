@@ -91,10 +91,7 @@ class Tpdo(PdoSetup):
         out.append(_frame(Frame, (self.can_id, data)))
 
     def poll(self, now: int, out: list[Frame]) -> None:
-        """Send changed data, or at the end of the event timer.
-
-        The inhibit time is respected.
-        """
+        """Send changed data, or by event timer, within the inhibit time."""
         data = self.sample()
         earliest = now if self._sent is None else self._sent_at + self.inhibit_ns
         latest = self._sent_at + self.event_timer_ns if self.event_timer_ns else None

@@ -1,7 +1,4 @@
-"""SDO block transfer in both directions, without the server.
-
-Source: CiA 301, 7.2.4.3.9 to 7.2.4.3.15.
-"""
+"""SDO block transfer without the server (CiA 301, 7.2.4.3.9 to 7.2.4.3.15)."""
 
 from binascii import crc_hqx
 
@@ -58,7 +55,6 @@ class BlockDownload:
         self.block_size = min(max_block_size, count_segments(self._limit))
 
     def __len__(self) -> int:
-        """Return the number of bytes in the buffer."""
         return len(self._received)
 
     def is_repetition(self, segment: bytes) -> bool:
@@ -128,18 +124,12 @@ class BlockDownload:
 class BlockUpload:
     """A value being uploaded, as it was at the transfer's start.
 
-    Args:
-        value: All of it.
-        block_size: Segments that the client wants at once.
-        has_crc: True if the end brings a checksum.
-
     Raises:
         SdoAbort: There is no such block size.
     """
 
     def __init__(self, value: bytes, block_size: int, *, has_crc: bool) -> None:
-        self._value = value
-        self._has_crc = has_crc
+        self._value, self._has_crc = value, has_crc
         self._count = count_segments(len(value))
         self._acknowledged = 0
         self._set_block_size(block_size)
@@ -172,10 +162,7 @@ class BlockUpload:
             self._set_block_size(block_size)
 
     def end(self) -> tuple[int, int]:
-        """Return the last segment's unused bytes, and the checksum.
-
-        The checksum is 0 if the client wants none.
-        """
+        """Return the last segment's unused bytes, and the checksum, 0 if unwanted."""
         return self._count * SEGMENT_DATA - len(self._value), crc_of(self._value) if self._has_crc else 0
 
     def _set_block_size(self, block_size: int) -> None:

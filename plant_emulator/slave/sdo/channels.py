@@ -1,7 +1,4 @@
-"""The SDO servers of a node (CiA 301, 7.5.2.33).
-
-They are the predefined one and those that a master opens by 1201h and following objects.
-"""
+"""The SDO servers of a node, 1200h to 127Fh (CiA 301, 7.5.2.33)."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -50,8 +47,7 @@ class AdditionalChannel:
     """
 
     def __init__(self, dictionary: Dictionary, index: int, server: SdoServer, changed: Callable[[], None]) -> None:
-        self.server = server
-        self._changed = changed
+        self.server, self._changed = server, changed
         self._cells = {subindex: dictionary.cell(index, subindex) for subindex in (REQUEST, RESPONSE)}
         self._cob_ids = dict.fromkeys(self._cells, int(CobIdBit.INVALID))
         for subindex in self._cells:
@@ -123,8 +119,7 @@ class SdoChannels:
     def __init__(self, dictionary: Dictionary, make_server: Callable[[], SdoServer], changed: Callable[[], None]) -> None:
         self.servers: dict[int, SdoServer] = {}
         self.due: int | None = None
-        self._dictionary = dictionary
-        self._changed = changed
+        self._dictionary, self._changed = dictionary, changed
         self._predefined = make_server()
         self._request_id = int(FunctionCode.SDO_REQUEST)
         self._additional = [

@@ -108,7 +108,6 @@ class SdoServer:
         silence_ns: A client that falls silent in the middle of a sub-block has its segments acknowledged after this time.
 
     Attributes:
-        response_id: Identifier of the answers.
         state: Transfer that is under way.
         due: Time at which `advance` must be called, or None.
 
@@ -128,11 +127,8 @@ class SdoServer:
     ) -> None:
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
             raise ValueError(f"block size {block_size}: expected 1 to {MAX_BLOCK_SIZE}")
-        self.response_id = response_id
-        self._dictionary = dictionary
-        self._max_bytes = max_bytes
-        self._timeout_ns = timeout_ns
-        self._block_size = block_size
+        self.response_id, self._dictionary, self._max_bytes = response_id, dictionary, max_bytes
+        self._timeout_ns, self._block_size = timeout_ns, block_size
         self._silence_ns = min(silence_ns, timeout_ns)
         self.reset()
 

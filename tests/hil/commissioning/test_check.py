@@ -22,8 +22,7 @@ from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.motion.record import STOPPING
-from plant_emulator.rehearsal.families.made import family_alone
-from plant_emulator.rehearsal.families.rig import vendor_families
+from plant_emulator.rehearsal.families.made import family_alone, vendor_families
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World

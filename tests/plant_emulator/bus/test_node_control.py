@@ -40,7 +40,7 @@ def test_a_stranger_guards_a_node(running, network, node):
     node.nmt.stop_node_guarding()
     assert answers[:4] == [0x7F, 0xFF, 0x7F, 0xFF]
     assert node.nmt.state == "PRE-OPERATIONAL"
-    assert running.drive.slave.emergency_causes == ()
+    assert running.drive.slave.emergencies.causes == ()
 
 
 def test_a_stranger_consumes_heartbeats_and_sees_each_state(network, node):

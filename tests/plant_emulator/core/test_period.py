@@ -13,10 +13,9 @@ from plant_emulator.core import CORE
 from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 from plant_emulator.physics.articulated import LINK
-from plant_emulator.physics.axis import PLANT, PLANT_STATE, hang_at_rest, synchronous_error
-from plant_emulator.physics.changing import CHANGE, PAST
+from plant_emulator.physics.axis import CHANGE, PAST, PLANT, PLANT_STATE, hang_at_rest, synchronous_error
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.fleet import draw
-from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import load_robot
 from tests.oracles import arm, motion, plant
 from tests.oracles.records import numbers, plain

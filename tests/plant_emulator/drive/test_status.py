@@ -7,8 +7,7 @@ import pytest
 
 from drive_profiles.standard.cia402 import REMOTE, VOLTAGE_ENABLED, WARNING, State, state_of
 from plant_emulator.drive.faults import LACKS
-from plant_emulator.drive.state_machine import Power
-from plant_emulator.drive.status import DriveStatus
+from plant_emulator.drive.state_machine import DriveStatus, Power
 from tests.plant_emulator.rig import Rig
 
 UNDER_TORQUE = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
@@ -50,7 +49,7 @@ def test_a_drive_stands_after_everything_as_its_state_and_inputs_say():
     drive = rig.drive
 
     def derived():
-        lacks = bool(set(LACKS) & set(drive.slave.emergency_causes))
+        lacks = bool(set(LACKS) & set(drive.slave.emergencies.causes))
         return DriveStatus.of(drive._status.power, torque_off=drive.inputs.is_sto_active, lack=lacks)
 
     for act in (

@@ -9,7 +9,7 @@ from scipy import integrate
 from hil.control.angles import ARCSEC
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import BRAKED, TORQUE
-from plant_emulator.physics.changing import SMOOTHING_S, TURNING_RAD_S
+from plant_emulator.physics.axis import SMOOTHING_S, TURNING_RAD_S
 from plant_emulator.robots.gear_change import ErrorChange, GearTemperature
 from plant_emulator.robots.robot import load_robot
 from tests.plant_emulator.physics.flexible_rig import FlexibleArm, Oracle, six_axes

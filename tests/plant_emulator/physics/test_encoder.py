@@ -11,7 +11,7 @@ from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.core import CORE
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.robot import load_robot
 from tests.plant_emulator.rig import GAINS
 

@@ -9,7 +9,7 @@ from hil.arm.rotation import rotation
 from plant_emulator.core import CORE
 from plant_emulator.motion.arm import CoupledArm
 from plant_emulator.motion.axes import Axes
-from plant_emulator.physics.tool import ACCELERATION, POSITION, SPECIFIC_FORCE, VELOCITY
+from plant_emulator.physics.articulated import ACCELERATION, POSITION, SPECIFIC_FORCE, VELOCITY
 from tests.hil.arm.oracles import pinocchio_model
 from tests.plant_emulator.physics.flexible_rig import FlexibleArm, six_axes
 

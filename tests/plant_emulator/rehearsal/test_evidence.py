@@ -4,10 +4,9 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
-from plant_emulator.rehearsal.evidence import recordings
+from plant_emulator.rehearsal.evidence import replay as recordings
 from plant_emulator.rehearsal.evidence.__main__ import errors_table
-from plant_emulator.rehearsal.evidence.recordings import HELD_OUT_FROM, record, recorded_robots
-from plant_emulator.rehearsal.evidence.replay import REPLAYED, replayed
+from plant_emulator.rehearsal.evidence.replay import HELD_OUT_FROM, REPLAYED, record, recorded_robots, replayed
 from plant_emulator.rehearsal.many.one import drawn
 
 

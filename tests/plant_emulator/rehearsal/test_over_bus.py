@@ -17,10 +17,9 @@ from hil.robot_tables import ORDERS, PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.over_bus import CommandError, StepsOverBus
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
-from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.blank_bench import blank_bench, file_text
 from plant_emulator.robots.fleet import draw
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 DRAWN = draw(8, kind="linear")

@@ -12,8 +12,7 @@ from drive_profiles.errors import FileError, RefusedError
 from drive_profiles.standard.shown import spans
 from plant_emulator.rehearsal.many.rows import MAX_ROW_BYTES, SETTINGS_FILE, Kept, RehearsalSettings
 from plant_emulator.rehearsal.many.seeds import LARGEST_SEED, MOST_SEEDS, seeds_of
-from plant_emulator.trials.rows import plain, steady
-from plant_emulator.trials.table import csv_text, parquet_bytes, write_table
+from plant_emulator.trials.rows import csv_text, parquet_bytes, plain, steady, write_table
 from tests.plant_emulator.rehearsal.made import refused, row
 
 SETTINGS = RehearsalSettings("both", over_bus=False)

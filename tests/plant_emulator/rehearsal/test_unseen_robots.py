@@ -6,9 +6,8 @@ from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.one import BOTH, run_seed
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
 from plant_emulator.rehearsal.many.rows import crashed
-from plant_emulator.trials.executors import LocalProcesses
-from plant_emulator.trials.running import run_all
-from plant_emulator.trials.table import csv_text
+from plant_emulator.trials.executors import LocalProcesses, run_all
+from plant_emulator.trials.rows import csv_text
 from tests.plant_emulator.rehearsal.made import page_of
 
 FIRST = 50_201

@@ -13,9 +13,8 @@ from hil.arm.masses import gravity_torques, levers, mass_matrix
 from hil.arm.mounting import Mounting
 from hil.bench.bench import Bench
 from plant_emulator.motion.axes import Axes
-from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.blank_bench import blank_bench, file_text
 from plant_emulator.robots.robot import SHIPPED, ArmRobot, Robot, load_robot
-from plant_emulator.robots.writing import file_text
 from tests.hil.arm.arms import LIMIT, joint_xml, link_xml, planar_arm, six_axis_urdf, ur5e_urdf
 
 ARM = load_robot("reference-arm")

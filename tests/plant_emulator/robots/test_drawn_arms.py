@@ -15,10 +15,9 @@ from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.cli.main import app
-from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.blank_bench import blank_bench, file_text
 from plant_emulator.robots.drawn_arms import ARM_RANGES, arm_facts, draw_arm
 from plant_emulator.robots.robot import ArmRobot, load_robot
-from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 SEEDS = (0, 3, 5)

@@ -9,10 +9,9 @@ from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.plan.check import check
 from plant_emulator.motion.axes import Axes
-from plant_emulator.robots.blank_bench import TABLE_3, blank_bench
+from plant_emulator.robots.blank_bench import TABLE_3, blank_bench, file_text
 from plant_emulator.robots.fleet import RANGES, REAL_HYSTERESIS_NM, antiresonance_hz, draw
 from plant_emulator.robots.robot import Robot, load_robot
-from plant_emulator.robots.writing import file_text
 from plant_emulator.trials.distributions import Even
 
 SEEDS = range(200)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from plant_emulator.robots.part import part_of
-from plant_emulator.robots.robot import load_robot, with_drives
+from plant_emulator.robots.robot import load_robot, part_of, with_drives
 from plant_emulator.robots.tuning import load_tuning, tuned
 
 ROBOT = load_robot("reference")

@@ -74,7 +74,7 @@ def test_a_slow_sdo_answer_comes_late_and_carries_what_was_read_at_once():
 def test_heartbeats_and_emergencies_do_not_wait():
     rig = rig_with(sdo_delay_ms=50.0, tpdo_delay_us=50_000.0)
     assert 0x703 in [f.can_id for f in rig.seen]
-    rig.drive.slave.raise_emergency("test", 0x1000)
+    rig.drive.slave.emergencies.raise_cause("test", 0x1000)
     assert 0x083 in [f.can_id for f in rig.wait(2)]
 
 
@@ -101,7 +101,7 @@ def test_an_emergency_whose_identifier_was_moved_does_not_wait():
     rig = rig_with(sdo_delay_ms=20.0, tpdo_delay_us=50_000.0)
     write_late(rig, 0x1014, 0, 1 << 31 | 0x083)
     write_late(rig, 0x1014, 0, 0x090)
-    rig.drive.slave.raise_emergency("test", 0x1000)
+    rig.drive.slave.emergencies.raise_cause("test", 0x1000)
     assert 0x090 in [f.can_id for f in rig.wait(2)]
 
 

@@ -68,10 +68,10 @@ def test_heartbeats_end_a_life_guarding_error(bench, lost):
     guarded(bench)
     guard(bench)
     bench.wait(150)
-    assert bench.slave.emergency_causes == ("life guarding",)
+    assert bench.slave.emergencies.causes == ("life guarding",)
     frames = bench.send(0x605, b"\x2b\x17\x10\x00\xe8\x03\0\0")
     assert FOUND in frames
-    assert bench.slave.emergency_causes == ()
+    assert bench.slave.emergencies.causes == ()
 
 
 # -- life guarding -----------------------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ def test_a_change_of_the_time_waits_for_a_first_request_anew(bench, lost):
     bench.wait(150)
     assert lost == [0]
     bench.write_value(0x100C, 0, 100)
-    assert bench.slave.emergency_causes == ()
+    assert bench.slave.emergencies.causes == ()
     bench.wait(1000)
     assert lost == [0]
     guard(bench)

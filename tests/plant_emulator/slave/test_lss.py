@@ -216,7 +216,7 @@ def test_an_unconfigured_node_hears_lss_and_nothing_else(new):
     assert new.slave.node_id == UNCONFIGURED
     assert [can_id for can_id in range(0x800) if new.slave.listens(can_id)] == [REQUEST]
     assert new.slave.due is None
-    new.slave.raise_emergency("hot", 0x4210)
+    new.slave.emergencies.raise_cause("hot", 0x4210)
     assert new.slave.take_frames() == []
     assert new.nmt(NmtCommand.START, 0) == []
     assert new.wait(1000) == []
@@ -288,9 +288,9 @@ def identifiers(bench, node_id):
     assert listened == [0x000, 0x080, 0x100, 0x600 + node_id, REQUEST]
     assert slave.listens(0x4000_0700 + node_id)
     assert [f.can_id for f in bench.send(0x600 + node_id, b"\x40\x00\x10\0\0\0\0\0")] == [0x580 + node_id]
-    slave.raise_emergency("x", 0x1000)
+    slave.emergencies.raise_cause("x", 0x1000)
     assert [f.can_id for f in slave.take_frames()] == [0x080 + node_id]
-    slave.clear_emergency("x")
+    slave.emergencies.clear_cause("x")
     slave.take_frames()
     bench.nmt(NmtCommand.START, node_id)
     assert slave.listens(0x200 + node_id)

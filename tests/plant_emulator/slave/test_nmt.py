@@ -81,7 +81,7 @@ def test_the_state_gates_the_services(bench, state):
     bench.send(0x205, b"\x0f\x00\x01\x00\x00\x00")
     bench.sync()
     answered = bench.request(0x40, 0x00, 0x10, 0) is not None
-    bench.slave.raise_emergency("test", 0x5000)
+    bench.slave.emergencies.raise_cause("test", 0x5000)
     emergencies = bench.slave.take_frames()
     assert answered is (state is not STOP)
     assert bool(emergencies) is (state is not STOP)
@@ -131,7 +131,7 @@ def test_stopping_ends_a_transfer_in_silence(running):
 
 def test_a_reset_before_the_boot_up_message_was_taken_sends_one_of_its_own(bench):
     """CiA 301, 7.3.2.2: each pass through initialising has its boot-up message, however fast they follow each other."""
-    bench.slave.raise_emergency("hot", 0x4210)
+    bench.slave.emergencies.raise_cause("hot", 0x4210)
     for _ in range(3):
         assert [f for f in bench.nmt(NmtCommand.RESET_COMMUNICATION) if f.can_id == 0x705] == [BOOT]
     assert bench.slave.take_frames() == []
@@ -337,9 +337,9 @@ def test_a_lost_node_that_is_no_longer_watched_is_no_error(bench, lost):
     watch(bench)
     bench.send(0x701, b"\x05")
     bench.wait(100)
-    assert bench.slave.emergency_causes == ("heartbeat 1",)
+    assert bench.slave.emergencies.causes == ("heartbeat 1",)
     watch(bench, 1, 0)
-    assert bench.slave.emergency_causes == ()
+    assert bench.slave.emergencies.causes == ()
 
 
 @pytest.mark.parametrize(("behaviour", "state"), [(0, PRE), (1, OP), (2, STOP)])

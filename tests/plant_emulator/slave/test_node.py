@@ -108,9 +108,9 @@ def test_whatever_happens_each_reset_has_one_boot_up_message_and_no_queue_grows(
         sent += slave.receive(frame, bench.now)
         match event:
             case "fault":
-                slave.raise_emergency(f"fault {number}", 0xFF00)
+                slave.emergencies.raise_cause(f"fault {number}", 0xFF00)
             case "clear":
-                slave.clear_emergency(f"fault {number - 1}")
+                slave.emergencies.clear_cause(f"fault {number - 1}")
             case "bus":
                 slave.bus_off()
                 slave.bus_recovered()
@@ -209,18 +209,18 @@ def test_the_identifiers_follow_the_node_id(make_bench, synchronous, node_id):
     assert bench.boot == [(0x700 + node_id, b"\x00")]
     bench.nmt(1, node_id)
     assert [frame.can_id for frame in bench.sync()] == [0x180 + node_id]
-    bench.slave.raise_emergency("x", 0x1000)
+    bench.slave.emergencies.raise_cause("x", 0x1000)
     assert [frame.can_id for frame in bench.slave.take_frames()] == [0x080 + node_id]
 
 
 def test_a_new_power_on_begins_anew(running):
     running.write_value(0x2000, 0, 77)
-    running.slave.raise_emergency("x", 0x1000)
+    running.slave.emergencies.raise_cause("x", 0x1000)
     running.now = 10 * MS
     assert running.slave.power_on(running.now) == [(0x705, b"\x00")]
     assert running.slave.nmt_state is NmtState.PRE_OPERATIONAL
     assert running.dictionary.get(0x2000) == 10
-    assert running.slave.emergency_causes == ()
+    assert running.slave.emergencies.causes == ()
 
 
 def test_the_bounds_of_the_sdo_server_are_the_owners(make_bench):
@@ -273,7 +273,7 @@ def test_it_tells_when_its_due_is_another(make_bench):
     slave.receive(Frame(0x605, b"\x40\x17\x10\x00\0\0\0\0"), 1)
     slave.receive(Frame(0x080, b""), 2)
     assert calls == []
-    slave.raise_emergency("owner", 0x5000)
+    slave.emergencies.raise_cause("owner", 0x5000)
     assert calls == ["due"]
     assert slave.due == 2
 

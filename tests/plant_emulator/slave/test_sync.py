@@ -78,7 +78,7 @@ def test_a_sync_that_is_too_long_is_not_acted_upon_with_a_counter_either(counted
     assert [frame.data[:3] for frame in bench.sync(b"\1\2")] == [LENGTH]
     assert bench.sync(b"\1\2") == []
     assert bench.sync() == [(0x185, bytes(2))]  # still wrong, and told already
-    assert bench.slave.emergency_causes == ("SYNC length",)
+    assert bench.slave.emergencies.causes == ("SYNC length",)
     assert len(bench.sync(b"\1")) == 2
 
 
@@ -86,7 +86,7 @@ def test_the_error_ends_with_the_next_sync_that_is_right_by_then(counted):
     bench = counted(1)
     bench.sync()
     assert bench.write_value(0x1019, 0, 0) is None
-    assert bench.slave.emergency_causes == ("SYNC length",)
+    assert bench.slave.emergencies.causes == ("SYNC length",)
     assert bench.sync()[0] == (0x085, bytes(8))
 
 
@@ -95,9 +95,9 @@ def test_the_error_does_not_outlive_a_reset(counted):
     bench.sync()
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
     bench.start()
-    assert bench.slave.emergency_causes == ()
+    assert bench.slave.emergencies.causes == ()
     assert bench.sync() == []  # by default this PDO does not exist
-    assert bench.slave.emergency_causes == ()
+    assert bench.slave.emergencies.causes == ()
 
 
 # Sub-index 6 of a TPDO, the first SYNC to count

@@ -24,14 +24,13 @@ from hil.design.frequency import Loop, margins
 from hil.recording import Recording
 from hil.robot_tables import Control
 from plant_emulator.cli.main import app
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.robot import REFERENCE, load_robot
 from plant_emulator.robots.tuning import REFERENCE_TUNING, Tuning, load_tuning, robot_tuning
 from plant_emulator.studies import summary as robustness_summary
 from plant_emulator.studies.closed_loop import frozen_laws, growth_per_s, linear_plant
-from plant_emulator.studies.many import judge_all
 from plant_emulator.studies.page import write_page
-from plant_emulator.studies.robustness import RESULTS, Study
+from plant_emulator.studies.robustness import RESULTS, Study, judge_all
 from plant_emulator.studies.simulate import simulate
 from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_sensor, nominal
 from plant_emulator.studies.summary import document, draws_csv, influences, summarise

@@ -14,10 +14,16 @@ from typer.testing import CliRunner
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.rows import CRASHED, crashed
 from plant_emulator.trials.cluster import DaskWorkers, scheduler_address
-from plant_emulator.trials.executors import SLOW_IMPORTS, ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
+from plant_emulator.trials.executors import (
+    ATTEMPTS,
+    SLOW_IMPORTS,
+    ExecutorsLostError,
+    ExecutorsRefusedError,
+    LocalProcesses,
+    run_all,
+)
+from plant_emulator.trials.rows import csv_text
 from plant_emulator.trials.rows import steady as steady_row
-from plant_emulator.trials.running import ATTEMPTS, run_all
-from plant_emulator.trials.table import csv_text
 from tests.plant_emulator.trials import tasks
 
 PROJECT = Path(__file__).parents[3]
@@ -132,7 +138,7 @@ def test_the_processes_of_a_main_that_is_killed_end_with_it(tmp_path):
     code = (
         "import sys\n"
         "from plant_emulator.trials.executors import LocalProcesses\n"
-        "from plant_emulator.trials.running import run_all\n"
+        "from plant_emulator.trials.executors import run_all\n"
         "from tests.plant_emulator.trials.tasks import sleeps\n"
         "if __name__ == '__main__':\n"
         "    with LocalProcesses(2) as executors:\n"

@@ -13,7 +13,7 @@ from hil.bench.bench import load_bench
 from hil.export.decoded import NodeUnits
 from hil.logs.nodes import Node, described_node
 from hil.master.drive.needs import Need
-from hil.master.drive.overheard import OverheardQuestions
+from hil.master.drive.scale import OverheardQuestions
 from hil.scope.readers import scales_of
 
 EDS = Path(drive_profiles.__file__).parent / "vendors" / "emulated_drive.eds"

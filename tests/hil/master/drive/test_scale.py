@@ -5,8 +5,7 @@ import pytest
 from drive_profiles.family.profile import Profile
 from hil.bench.bench import load_bench
 from hil.master.drive.scale import NothingStated, Questions, keys_to_state, read_scaling
-from plant_emulator.robots.part import part_of
-from plant_emulator.robots.robot import load_robot, with_drives
+from plant_emulator.robots.robot import load_robot, part_of, with_drives
 from tests.hil.master.drive.test_axis_units import RigNetwork
 from tests.plant_emulator.rig import AXIS, Rig
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drive_profiles.standard.cia301 import PACKERS, DataType, decode, encode
-from plant_emulator.slave.pdo.bit_packer import BitPacker, bits_of
+from plant_emulator.slave.pdo.setup import BitPacker, bits_of
 
 TYPES = sorted(PACKERS)
 

@@ -67,7 +67,7 @@ def test_a_frame_that_does_not_come_in_time_is_told_once(make_watching, missing,
     assert bench.slave.due == 10 * MS
     assert [(time, frame.can_id, frame.data[:3]) for time, frame in bench.wait(1000)] == [(10 * MS, 0x085, LATE)]
     assert missing == [1]
-    assert bench.slave.emergency_causes == ("RPDO 1 time-out",)
+    assert bench.slave.emergencies.causes == ("RPDO 1 time-out",)
 
 
 def test_each_frame_puts_the_deadline_off(watching):
@@ -91,7 +91,7 @@ def test_one_pdo_that_comes_again_does_not_withdraw_the_emergency_of_another(wat
     assert emergencies(watching.wait(50)) == [(10 * MS, b"\x50\x82"), (30 * MS, b"\x50\x82")]
     assert missing == [1, 2]
     assert first(watching) == []
-    assert watching.slave.emergency_causes == ("RPDO 2 time-out",)
+    assert watching.slave.emergencies.causes == ("RPDO 2 time-out",)
     assert second(watching) == [NO_ERROR]
 
 
@@ -110,7 +110,7 @@ def test_stopped_withdraws_it_in_silence(watching):
     first(watching)
     watching.wait(20)
     assert watching.nmt(NmtCommand.STOP) == []
-    assert watching.slave.emergency_causes == ()
+    assert watching.slave.emergencies.causes == ()
 
 
 def test_a_reset_ends_it(watching):
@@ -118,7 +118,7 @@ def test_a_reset_ends_it(watching):
     watching.wait(20)
     watching.nmt(NmtCommand.RESET_COMMUNICATION)
     watching.start()
-    assert watching.slave.emergency_causes == ()
+    assert watching.slave.emergencies.causes == ()
     assert watching.wait(100) == []
 
 
@@ -127,7 +127,7 @@ def test_writing_the_event_timer_withdraws_it_and_waits_for_the_next_frame(watch
     first(watching)
     watching.wait(20)
     assert watching.write_value(0x1400, 5, milliseconds) is None
-    assert watching.slave.emergency_causes == ()
+    assert watching.slave.emergencies.causes == ()
     assert watching.slave.due is None
     first(watching)
     assert emergencies(watching.wait(100)) == ([(25 * MS, b"\x50\x82")] if milliseconds else [])
@@ -145,7 +145,7 @@ def test_a_frame_that_is_too_short_does_not_count_and_one_that_is_too_long_does(
     watching.send(0x205, b"\0")
     assert emergencies(watching.wait(2)) == [(10 * MS, b"\x50\x82")]
     watching.send(0x205, bytes(3))
-    assert watching.slave.emergency_causes == ("RPDO 1 length",)
+    assert watching.slave.emergencies.causes == ("RPDO 1 length",)
     assert first(watching) == [NO_ERROR]
 
 
@@ -173,7 +173,7 @@ def test_the_owner_may_leave_operational_when_it_hears_of_it(watching):
     watching.now = 40 * MS  # both are late by now
     watching.slave.advance(watching.now)
     assert heard == [1, 2]
-    assert watching.slave.emergency_causes == ()
+    assert watching.slave.emergencies.causes == ()
     assert watching.wait(100) == []
 
 
@@ -192,7 +192,7 @@ def test_a_deadline_and_an_event_timer_run_side_by_side(make_bench):
 
 def test_what_was_wrong_with_a_frame_is_over_with_operational_too(watching):
     watching.send(0x205, b"")
-    assert watching.slave.emergency_causes == ("RPDO 1 length",)
+    assert watching.slave.emergencies.causes == ("RPDO 1 length",)
     assert watching.nmt(NmtCommand.ENTER_PRE_OPERATIONAL) == [NO_ERROR]
 
 

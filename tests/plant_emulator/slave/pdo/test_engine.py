@@ -137,9 +137,9 @@ def test_each_rpdo_has_its_own_length_error(make_bench):
     bench.start()
     bench.send(0x205, b"")
     bench.send(0x305, b"")
-    assert bench.slave.emergency_causes == ("RPDO 1 length", "RPDO 2 length")
+    assert bench.slave.emergencies.causes == ("RPDO 1 length", "RPDO 2 length")
     assert bench.send(0x205, b"\0\0") == []
-    assert bench.slave.emergency_causes == ("RPDO 2 length",)
+    assert bench.slave.emergencies.causes == ("RPDO 2 length",)
 
 
 def test_values_out_of_range_or_refused_are_not_written(make_bench):
