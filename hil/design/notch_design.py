@@ -4,7 +4,7 @@ The verdict has the margins at every speed, constraint (5), and the tip peaks on
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from hil.design.coupled.loops import ArmFamily
 from hil.design.frequency import Margins
 from hil.design.notch_problem import NotchProblem, Requirements, Rise, rises
 from hil.design.speed_margins import LoopFamily, SpeedMargins, widened
-from hil.design.uncertainty import Member
 
 Real = NDArray[np.float64]
 
@@ -126,7 +125,8 @@ class Judge:
             if others:
                 bare[:, others] = np.minimum(bare[:, others], problem.peaks_mm(member, problem.fixed)[:, others])
             self._before_mm.append(bare)
-        self._simulated: dict[tuple[str, Notch], list[Real]] = {}
+        self._cases = [(row, case) for row, bare in enumerate(self._before_mm) for case in range(len(bare))]
+        self._simulated: dict[tuple[int, int, Notch], Real] = {}
 
     def checks(self, notch: Notch) -> list[RequirementCheck]:
         """Check the margins at constant speeds, each at its worst.
@@ -176,7 +176,7 @@ class Judge:
     def score(self, notch: Notch, members: int | None = None, at_most: float = math.inf) -> float:
         """Score a filter by its worst tip peak; smaller is better.
 
-        Above `at_most` it may be a lower bound: the simulations end as soon as their peaks alone give more than that.
+        Above `at_most` it may be a lower bound: the simulations end as soon as the peaks so far give more than that.
 
         The score is the tip peak with the filter over that without, for the worst of the first `members` plants.
 
@@ -187,33 +187,33 @@ class Judge:
         missed = sum(check.violation for check in self.checks(notch))
         if missed > 0.0:
             return 10.0 + missed
-        before = max(1e-9, *(self.problem.weighted_mm(bare, self.order) for bare in self._before_mm[:members]))
-        peak, excess = 0.0, 0.0
-        for member, bare in zip(self.problem.members[:members], self._before_mm[:members], strict=True):
-            cases: list[Real] = []
-            others = excess
-            for case in self._cases(member, notch):
-                if not np.all(np.isfinite(case)):
-                    return 9.0
-                cases.append(case)
-                peaks = np.array(cases)
-                peak = max(peak, self.problem.weighted_mm(peaks, self.order))
-                excess = others + sum(rise.excess for rise in rises(self.problem, bare, peaks))
-                if (least := _ranked(peak / before, excess)) > at_most:
-                    return least
-        kept = min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH)
-        return _ranked(peak / before * (1.0 + LINE_WEIGHT * kept), excess)
+        bare_mm = self._before_mm[:members]
+        before = max(1e-9, *(self.problem.weighted_mm(bare, self.order) for bare in bare_mm))
+        line = 1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH)
+        peaks, excess, peak, score = [np.zeros_like(bare) for bare in bare_mm], [0.0] * len(bare_mm), 0.0, 0.0
+        for place, (row, case) in enumerate(self._cases):
+            if row >= len(bare_mm):
+                continue
+            peaks[row][case] = self._peaks_mm(row, case, notch)
+            if not np.all(np.isfinite(peaks[row][case])):
+                return 9.0
+            peak = max(peak, self.problem.weighted_mm(peaks[row], self.order))
+            excess[row] = sum(rise.excess for rise in rises(self.problem, bare_mm[row], peaks[row]))
+            if (score := _ranked(peak / before * line, sum(excess))) > at_most:
+                self._cases.insert(min(place, 1), self._cases.pop(place))  # the next filter is likely to fail there as well
+                break
+        return score
 
-    def _cases(self, member: Member, notch: Notch) -> Iterator[Real]:
-        """Simulate the tip peaks of a plant with a filter, case by case.
+    def _peaks_mm(self, row: int, case: int, notch: Notch) -> Real:
+        """Simulate the tip peaks of a plant with a filter in one case.
 
         The search scores the best filters of the nominal plant again, for all plants: what was simulated is kept.
         """
-        known = self._simulated.setdefault((member.label, notch), [])
-        yield from known
-        for case in self.problem.peaks_by_case(member, (notch, *self.problem.fixed), len(known)):
-            known.append(case)
-            yield case
+        key = row, case, notch
+        if key not in self._simulated:
+            notches = (notch, *self.problem.fixed)
+            self._simulated[key] = self.problem.case_peaks_mm(self.problem.members[row], notches, case)
+        return self._simulated[key]
 
 
 def _ranked(ratio: float, excess: float) -> float:

@@ -4,7 +4,7 @@ The module has the requirements, the ramps on which a filter is judged, and the 
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -258,33 +258,28 @@ class NotchProblem:
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
         """Tip peaks of a plant by case, range and direction, in mm; shape (cases, ranges, 2)."""
-        return np.array(list(self.peaks_by_case(member, notches)))
+        return np.array([self.case_peaks_mm(member, notches, case) for case in range(len(self.cases(member)))])
 
-    def peaks_by_case(self, member: Member, notches: Sequence[Notch], first: int = 0) -> Iterator[Real]:
-        """Simulate the tip peaks of a plant, one case after the other.
+    def cases(self, member: Member) -> list[tuple[DesignRamp, tuple[float, float]]]:
+        """Ramp and load of every case of a plant, the load as `follow` has it.
 
         Cases of the nominal plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
         and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
         go along the user's ramp alone.
-
-        Args:
-            member: The plant.
-            notches: The filters that act.
-            first: Number of the first case, from 0.
-
-        Yields:
-            Peaks in mm by range and direction; shape (ranges, 2).
         """
         heavy, light = (self.friction_nm + self.gravity_nm, 0.0), (self.friction_nm - self.gravity_nm, 0.0)
-        cases = [(ramp, heavy) for ramp in self.ramps] if member is self.members[0] else [(self.ramps[0], heavy)]
-        if member is self.members[0]:
-            cases.append((self.ramps[0], light))
-            if self.is_gravity_known:
-                cases += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
-        loop = self.loop(member, notches)
-        for ramp, load in cases[first:]:
-            motion = follow(loop, member.error, ramp.reference_rad, load_nm=load)
-            yield peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
+        if member is not self.members[0]:
+            return [(self.ramps[0], heavy)]
+        found = [*((ramp, heavy) for ramp in self.ramps), (self.ramps[0], light)]
+        if self.is_gravity_known:
+            found += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
+        return found
+
+    def case_peaks_mm(self, member: Member, notches: Sequence[Notch], case: int) -> Real:
+        """Simulate the tip peaks of a plant in one case, by range and direction, in mm; shape (ranges, 2)."""
+        ramp, load = self.cases(member)[case]
+        motion = follow(self.loop(member, notches), member.error, ramp.reference_rad, load_nm=load)
+        return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 
     def own_cases(self, count: int) -> list[int]:
         """Cases of the user's own ramp among so many."""
@@ -327,7 +322,7 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
     Args:
         problem: The axis.
         before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
-        after_mm: Peaks of the same plant with them; if only of its first cases, no ratio is above that of all.
+        after_mm: Peaks of the same plant with them; while cases but the first still hold 0, no ratio is above the final one.
     """
     own, is_order = problem.own_cases(len(after_mm)), np.array([each.order is not None for each in problem.ranges])
     least = np.where(is_order, LEAST_MM, np.maximum(LEAST_MM, np.max(after_mm[0, is_order])))

@@ -2,29 +2,25 @@
 
 real wave_sum(const struct harmonic *harmonics, integer count, real angle, real *slope)
 {
-    real error = 0.0, base = 0.0, there = 0.0;
-    *slope = 0.0;
-    if (count > 0 && harmonics[0].multiple > 0.0) {
-        base = harmonics[0].order / harmonics[0].multiple;
-    }
+    const real base = count > 0 && harmonics[0].multiple > 0.0 ? harmonics[0].order / harmonics[0].multiple : 0.0;
     const real once_re = COS(base * angle), once_im = SIN(base * angle);
-    real re = 1.0, im = 0.0;
+    real error = 0.0, change = 0.0, re = once_re, im = once_im, there = 1.0;
     for (integer i = 0; i < count; i++) {
         const struct harmonic *h = &harmonics[i];
         if (base > 0.0) {
-            while (there < h->multiple) {
+            for (; there < h->multiple; there += 1.0) {
                 const real turned = re * once_re - im * once_im;
                 im = re * once_im + im * once_re;
                 re = turned;
-                there += 1.0;
             }
         } else {
             re = COS(h->order * angle);
             im = SIN(h->order * angle);
         }
         error += h->cosine * re - h->sine * im;
-        *slope -= h->order * (h->cosine * im + h->sine * re);
+        change -= h->order * (h->cosine * im + h->sine * re);
     }
+    *slope = change;
     return error;
 }
 
