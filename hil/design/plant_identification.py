@@ -173,7 +173,7 @@ class Descents:
 
     The first round holds the times near the prior values, so that the fit does not wander off; the others fit all unknowns. A
     fit that has come to where another was is given up after the first round, and so is one whose residuals are `LOSS` times those
-    of the best.
+    of the best with its resonances in the band.
     """
 
     def __init__(self, problem: PlantProblem) -> None:
@@ -182,7 +182,8 @@ class Descents:
     def of(self, starts: Sequence[Real]) -> list[Any]:
         """Fit from starts, beside those of earlier calls."""
         begun = [_round(self._problem, start, EVALUATIONS // 4, are_times_held=True) for start in starts]
-        self._least = min([self._least, *(_left(fit) for fit in begun)])
+        inside = [fit for fit in begun if self._problem.is_inside(fit.x)]
+        self._least = min([self._least, *(_left(fit) for fit in inside or begun)])
         return [self._ended(fit.x) for fit in begun if _left(fit) <= LOSS**2 * self._least and not self._was_at(fit.x)]
 
     def _was_at(self, x: Real) -> bool:
