@@ -22,6 +22,9 @@ SENSED = ("sensor_x_m_s2", "sensor_y_m_s2", "sensor_z_m_s2")
 ALONG = "tip_along_m_s2"
 """Acceleration of the tip along the lever of the one axis that moves, on a bench with an arm."""
 
+ROWS_AT_A_TIME = 1000
+"""Rows of a file that are formatted together, which takes half as long as one by one."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -91,9 +94,11 @@ class Recording:
 def save_columns(path: Path, columns: Mapping[str, Real], digits: int = 7) -> None:
     """Write columns of the same length as CSV, with one line of names."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    numbers, header = np.column_stack(list(columns.values())), ",".join(columns)
-    with naming(path):
-        np.savetxt(path, numbers, delimiter=",", header=header, comments="", fmt=f"%.{digits}g")
+    numbers, row = np.column_stack(list(columns.values())), ",".join([f"%.{digits}g"] * len(columns)) + "\n"
+    with naming(path), path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(columns) + "\n")
+        for part in np.array_split(numbers, len(numbers) // ROWS_AT_A_TIME + 1):
+            file.write(row * len(part) % tuple(part.ravel().tolist()))
 
 
 def load_columns(path: Path) -> dict[str, Real]:

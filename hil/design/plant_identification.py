@@ -17,7 +17,7 @@ Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain App
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,11 +149,12 @@ def fit_plant(
     starts = problem.first_guesses()
     if near is not None:
         starts = [problem.start(near.unknowns[: VISCOUS + 1]), *starts[:2]]
-    fits = [fitted(problem, start) for start in starts]
+    descents = Descents(problem)
+    fits = descents.of(starts)
     inside = [fit for fit in fits if problem.is_inside(fit.x)]
     best = min(inside or fits, key=_left)
     problem.focus(problem.plant(best.x).antiresonance_hz)
-    others = [fitted(problem, start) for start in (*problem.beside(best.x), *problem.with_other_delay(best.x))]
+    others = descents.of([*problem.beside(best.x), *problem.with_other_delay(best.x)])
     best = min([best, *(fit for fit in others if problem.is_inside(fit.x))], key=_left)
     problem.focus(problem.plant(best.x).antiresonance_hz)
     return estimate_of(problem, best.x, np.asarray(best.jac))
@@ -167,26 +168,48 @@ def _left(fit: Any) -> float:
     return float(fit.cost) / len(fit.fun)
 
 
-def fitted(problem: PlantProblem, x: Real) -> Any:
-    """Fit from one start, in three rounds.
+class Descents:
+    """Fits of a problem from several starts, each in three rounds.
 
-    The first round holds the times near the prior values, so that the fit does not wander off; the others fit all unknowns.
+    The first round holds the times near the prior values, so that the fit does not wander off; the others fit all unknowns. A
+    fit that has come to where another was is given up after the first round, and so is one whose residuals are `LOSS` times those
+    of the best with its resonances in the band.
     """
-    fit: Any = None
-    for evaluations, are_held in ((EVALUATIONS // 4, True), (EVALUATIONS, False), (EVALUATIONS // 4, False)):
-        problem.focus(problem.plant(x).antiresonance_hz)
-        low, high = problem.bounds(x, are_times_held=are_held)
-        fit = scipy.optimize.least_squares(
-            problem.residual,
-            np.clip(x, low + 1e-9, high - 1e-9),
-            bounds=(low, high),
-            x_scale=problem.scale(x),
-            loss="soft_l1",
-            f_scale=LOSS,
-            max_nfev=evaluations,
-        )
-        x = fit.x
-    return fit
+
+    def __init__(self, problem: PlantProblem) -> None:
+        self._problem, self._least, self._reached = problem, math.inf, list[Real]()
+
+    def of(self, starts: Sequence[Real]) -> list[Any]:
+        """Fit from starts, beside those of earlier calls."""
+        begun = [_round(self._problem, start, EVALUATIONS // 4, are_times_held=True) for start in starts]
+        inside = [fit for fit in begun if self._problem.is_inside(fit.x)]
+        self._least = min([self._least, *(_left(fit) for fit in inside or begun)])
+        return [self._ended(fit.x) for fit in begun if _left(fit) <= LOSS**2 * self._least and not self._was_at(fit.x)]
+
+    def _was_at(self, x: Real) -> bool:
+        size = 0.05 * self._problem.scale(x)  # half a percent of an inertia, 5 µs of an age: no two minima are so near
+        return any(bool(np.all(np.abs(x - other) < size)) for other in self._reached)
+
+    def _ended(self, x: Real) -> Any:
+        fit = _round(self._problem, _round(self._problem, x, EVALUATIONS).x, EVALUATIONS // 4)
+        self._reached += [x, fit.x]
+        return fit
+
+
+def _round(problem: PlantProblem, x: Real, evaluations: int, *, are_times_held: bool = False) -> Any:
+    """Fit with the tip's lines around the antiresonance of a start."""
+    problem.focus(problem.plant(x).antiresonance_hz)
+    low, high = problem.bounds(x, are_times_held=are_times_held)
+    return scipy.optimize.least_squares(
+        problem.residual,
+        np.clip(x, low + 1e-9, high - 1e-9),
+        problem.slopes,
+        bounds=(low, high),
+        x_scale=problem.scale(x),
+        loss="soft_l1",
+        f_scale=LOSS,
+        max_nfev=evaluations,
+    )
 
 
 def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
@@ -277,5 +300,6 @@ def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEs
     scatter = np.sqrt(np.maximum(smooth(np.sum(np.abs(left) ** 2, axis=0)) / (count * (count - 1)), 1e-300))
     deviation = scatter / np.abs(mean_in)
     explained, unexplained = np.abs(value * mean_in) ** 2, count * scatter**2
-    bound = math.sqrt(float(scipy.stats.f.ppf(CONFIDENCE, 2, 2 * (count - 1))))
+    # the quantile of F with 2 and 2 (count − 1) degrees of freedom
+    bound = math.sqrt((count - 1) * ((1.0 - CONFIDENCE) ** (-1.0 / (count - 1)) - 1.0))
     return ResponseEstimate(frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))

@@ -124,6 +124,33 @@ class _Responses:
 
 
 @dataclass(frozen=True)
+class _Closed:
+    """Closed loop at the lines and their images; without gravity.
+
+    The shape is (1 + images, lines), unless stated.
+
+    Attributes:
+        motion: Motor angle per torque demand.
+        alone: What the law samples besides: the motor's own motion beyond half of the law's rate.
+        acting: Torque demand that the excitation causes.
+        passed: Change of the sampled motor angle by one of its response.
+        continuous: Motor angle at the images; shape (images, lines).
+        torque: Reported torque there.
+        of_angle: Images in the sampled motor angle; shape (lines,).
+        foretold: Sampled motor angle; shape (lines,).
+    """
+
+    motion: Complex
+    alone: Complex
+    acting: Complex
+    passed: Complex
+    continuous: Complex
+    torque: Complex
+    of_angle: Complex
+    foretold: Complex
+
+
+@dataclass(frozen=True)
 class _Folding:
     """Frequencies that fold onto the lines, and the lines themselves.
 
@@ -173,7 +200,7 @@ class PlantProblem:
         self._tip_lines = np.arange(len(self.jw))
         self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT, DISPERSION, BEYOND, TURNED]
         self._responses = lru_cache(KEPT)(self._computed)
-        self._delays = lru_cache(KEPT)(self._delayed)
+        self._alone, self._delays = lru_cache(1)(self._lone), lru_cache(KEPT)(self._delayed)
         self._loops = lru_cache(KEPT)(self._closed)
 
     def _computed(self, plant: bytes) -> _Responses:
@@ -195,27 +222,39 @@ class PlantProblem:
         plant[self._aside] = 0.0
         return self._responses(plant.tobytes())
 
-    def _loop(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
-        """Closed loop, which neither age nor accelerometer change.
-
-        Returns the motor angle and the reported torque at the images, shape (images, lines), the images in the sampled motor
-        angle, and that angle at the lines.
-        """
+    def _loop(self, x: Real) -> _Closed:
+        """Closed loop, which neither age nor accelerometer change."""
         point = np.array(x, dtype=np.float64)
         point[[each for each in self._aside if each != LAG]] = 0.0
         return self._loops(point.tobytes())
 
-    def _closed(self, point: bytes) -> tuple[Complex, Complex, Complex, Complex]:
+    def _closed(self, point: bytes) -> _Closed:
         """Closed loop of the unknowns, as bytes."""
         x, folded = np.frombuffer(point), self._folded
         assert folded is not None  # noqa: S101 - asked for where there is a law
         motion = self._of(x).image_angle / (1.0 + folded.jw * x[LAG])
         # what moves beyond half of the law's rate is sampled too; there the motor moves alone
-        sampled = motion + (folded.rigid / (1.0 + folded.beyond * x[LAG])).sum(axis=0) / math.exp(x[J_M])
-        acting = folded.drive / (1.0 + folded.feedback * sampled)
+        alone = self._alone(float(x[LAG])) / math.exp(x[J_M])
+        sampled = motion + alone
+        left = 1.0 + folded.feedback * sampled
+        acting = folded.drive / left
         moved = sampled * acting
         asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
-        return (motion * acting)[1:], (asked * folded.flat)[1:], moved[1:].sum(axis=0), moved[0]
+        return _Closed(
+            motion,
+            alone,
+            acting,
+            acting / left,
+            (motion * acting)[1:],
+            (asked * folded.flat)[1:],
+            moved[1:].sum(axis=0),
+            moved[0],
+        )
+
+    def _lone(self, lag_s: float) -> Complex:
+        """Motor angle beyond half of the law's rate, for an inertia of 1; shape (1 + images, lines)."""
+        assert self._folded is not None  # noqa: S101 - asked for where there is a law
+        return np.asarray((self._folded.rigid / (1.0 + self._folded.beyond * lag_s)).sum(axis=0))
 
     def _delayed(self, delay_s: float) -> tuple[Complex, Complex]:
         """e^{−jωδ} at the lines and at the frequencies of the images."""
@@ -266,14 +305,54 @@ class PlantProblem:
         if folded is None:
             none = np.zeros_like(self.excitation)
             return none, none, none, none
-        continuous, torque, of_angle, foretold = self._loop(x)
-        reported = (torque * self._delays(float(x[AGE]))[1]).sum(axis=0)
+        loop = self._loop(x)
+        reported = (loop.torque * self._delays(float(x[AGE]))[1]).sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
-            gain = self._lever_m(x) * (1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * folded.side)
-            sensed = gain * folded.square * self._delays(float(x[DELAY]))[1]
-            tip = (self._of(x).image_arm[1:] * sensed * continuous).sum(axis=0)
-        return np.asarray(reported), of_angle, np.asarray(tip), foretold
+            sensed = (1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * folded.side) * self._sensed(x, folded)
+            tip = (self._of(x).image_arm[1:] * sensed * loop.continuous).sum(axis=0)
+        return np.asarray(reported), loop.of_angle, np.asarray(tip), loop.foretold
+
+    def _sensed(self, x: Real, folded: _Folding) -> Complex:
+        """Tip acceleration per arm angle at the images, for a sensor with the gain that it has at the lines."""
+        return np.asarray(self._lever_m(x) * folded.square * self._delays(float(x[DELAY]))[1])
+
+    def _image_slopes(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
+        """Slopes of `images` by the unknowns; each of shape (unknowns, lines)."""
+        folded, by = self._folded, np.zeros((4, len(x), len(self.jw)), dtype=np.complex128)
+        if folded is None:
+            return by[0], by[1], by[2], by[3]
+        loop, late = self._loop(x), self._delays(float(x[AGE]))[1]
+        slow, demanded = 1.0 / (1.0 + folded.jw * x[LAG]), folded.feedback * loop.passed
+        # what comes of a change of the sampled motion, and of one of the motor's motion beside that
+        of_sampled = [(-demanded * folded.flat)[1:] * late, loop.passed[1:]]
+        of_motion = [np.zeros_like(late), np.zeros_like(late)]
+        of_angle, of_arm = self.shapes(x, folded.jw, 0.0)
+        by_angle, by_arm = self.by_shapes(x)
+        if self.data.tip is not None:
+            sensed = self._sensed(x, folded)
+            gain = 1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * folded.side
+            arm = self._of(x).image_arm[1:]
+            shown = arm * sensed * loop.continuous
+            of_motion.append(arm * sensed * gain * loop.acting[1:])
+            of_sampled.append(-arm * sensed * gain * (loop.motion * demanded)[1:])
+            by[2] = by_arm @ np.einsum("kl,bkl->bl", sensed * gain * loop.continuous, of_arm[:, 1:])
+            by[2, LEVER], by[2, DELAY] = (shown * gain).sum(axis=0), -(folded.jw[1:] * shown * gain).sum(axis=0)
+            by[2, BEYOND], by[2, TURNED] = shown.sum(axis=0), 1j * (folded.side * shown).sum(axis=0)
+        sampled, motion = np.stack(of_sampled), np.stack(of_motion)
+        by[: len(sampled)] += np.tensordot(
+            by_angle, np.einsum("okl,bkl->bol", (sampled + motion) * slow[1:], of_angle[:, 1:]), 1
+        ).swapaxes(0, 1)
+        by[3] = by_angle @ (of_angle[:, 0] * loop.passed[0] * slow[0])
+        by[0, AGE] -= (folded.jw[1:] * loop.torque * late).sum(axis=0)
+        lagged = -folded.jw * slow * loop.motion
+        beyond = 1.0 + folded.beyond * x[LAG]
+        of_lag = lagged - (folded.rigid * folded.beyond / beyond**2).sum(axis=0) / math.exp(x[J_M])
+        for unknown, change in ((J_M, -loop.alone), (LAG, of_lag)):
+            by[: len(sampled), unknown] += (sampled * change[1:]).sum(axis=1)
+            by[3, unknown] += loop.passed[0] * change[0]
+        by[: len(motion), LAG] += (motion * lagged[1:]).sum(axis=1)
+        return by[0], by[1], by[2], by[3]
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
         """Torque demand on the current loop, from the reported torque.
@@ -429,6 +508,22 @@ class PlantProblem:
             damping - arm_damping,
         )
 
+    def shapes(self, x: Real, jw: AnyComplex, gravity_nm_rad: float) -> tuple[Complex, Complex]:
+        """What the slopes of `angle_per_torque` and `arm_per_motor` are made of.
+
+        The factors are those of `by_shapes`. Returns arrays of shape (n, …) with the shape of `jw`, n being another for each.
+        """
+        return slopes_by_terms(self.plant(x), jw, gravity_nm_rad)
+
+    def by_shapes(self, x: Real) -> tuple[Real, Real]:
+        """Factors of `shapes` in the slopes by each unknown; shape (unknowns, n)."""
+        motor, arm, stiffness, damping = np.exp(x[:VISCOUS]).tolist()
+        part, slopes = float(x[ARM_PART]), np.zeros((len(x), 6))
+        slopes[J_M, 0], slopes[VISCOUS, 1], slopes[J_L, 2], slopes[K_G, 5] = motor, 1.0, arm, stiffness
+        slopes[DAMPING, [1, 3, 4]] = -part * damping / self.ratio**2, part * damping, (1.0 - part) * damping
+        slopes[ARM_PART, [1, 3, 4]] = -damping / self.ratio**2, damping, -damping
+        return slopes, slopes[:, 2:]
+
     def angle_per_torque(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
         """Motor angle per torque of the unknowns' plant; shape of `frequency_hz`."""
         return angle_response(self.plant(x), frequency_hz, gravity_nm_rad)
@@ -446,7 +541,6 @@ class PlantProblem:
 
         The last ones are those of the priors (`priors`).
         """
-        data = self.data
         of_torque, of_angle, of_tip, foretold = self.images(x)
         angle = self._measured[0] - of_angle
         torque = self.torque(x, self._measured[1], of_torque)
@@ -464,12 +558,61 @@ class PlantProblem:
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((self._tip - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
+        priors = [value / deviation for _, value, deviation in self._prior_values(x)]
+        # the loss makes squares of these
+        return np.concatenate([stacked.real, stacked.imag, [each * math.hypot(1.0, 0.5 * each / LOSS) for each in priors]])
+
+    def slopes(self, x: Real) -> Real:
+        """Jacobian of the residual; shape (residuals, unknowns)."""
+        of_torque, of_angle, of_tip, foretold = self.images(x)
+        by_of_torque, by_of_angle, by_of_tip, by_foretold = self._image_slopes(x)
+        angle, torque = self._measured[0] - of_angle, self.torque(x, self._measured[1], of_torque)
+        responses, felt, late = self._of(x), self.felt(x), self._delays(-float(x[AGE]))[0]
+        (of_angle_shapes, of_arm_shapes), (by_angle, by_arm) = self.shapes(x, self.jw, self.gravity), self.by_shapes(x)
+        by_torque = -late * self._flat * by_of_torque
+        by_torque[AGE] += self.jw * (torque if self.timing.kind == "reference" else torque - self.excitation * self._held)
+        model, by_model = responses.angle * felt, by_angle @ of_angle_shapes * felt
+        by_model[LAG] -= self.jw * felt * model
+        size = np.abs(model) * (np.abs(torque) + np.abs(of_torque)) + np.abs(of_angle)
+        by_size = _rise(model, by_model) * (np.abs(torque) + np.abs(of_torque)) + _rise(of_angle, by_of_angle)
+        by_size += np.abs(model) * (_rise(torque, by_torque) + _rise(of_torque, by_of_torque))
+        gain, by_gain = model * late, by_model * late
+        by_gain[AGE] += self.jw * gain
+        sigma, by_sigma = self.scatter.slopes(gain, by_gain, MODEL_ERROR * size, MODEL_ERROR * by_size)
+        by_left = [_weighed(angle - model * torque, -by_of_angle - by_model * torque - model * by_torque, sigma, by_sigma)]
+        if self._folded is not None:
+            sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
+            by_sigma = LAW_OPEN**2 * np.real(foretold.conj() * by_foretold) / sigma
+            by_left.append(_weighed(angle - foretold, -by_of_angle - by_foretold, sigma, by_sigma))
+        if self._tip is not None and self.tip_scatter is not None:
+            tilted = 1.0 / (1.0 - float(x[TILT]) * self._tilted_square)
+            sensor = self._lever_m(x) * self._square * self._delays(float(x[DELAY]))[0] * tilted
+            sensor = sensor * np.exp(-1j * float(x[DISPERSION]) * self._tilted_cube)
+            model, by_model = responses.arm * sensor, by_arm @ of_arm_shapes * sensor
+            by_model[LEVER] += model
+            by_model[DELAY] -= self.jw * model
+            by_model[TILT] += self._tilted_square * tilted * model
+            by_model[DISPERSION] -= 1j * self._tilted_cube * model
+            shown, by_shown = model * angle, by_model * angle - model * by_of_angle
+            floor = TIP_ERROR * np.abs(shown) + IMAGE_ERROR * np.abs(of_tip)
+            by_floor = TIP_ERROR * _rise(shown, by_shown) + IMAGE_ERROR * _rise(of_tip, by_of_tip)
+            sigma, by_sigma = self.tip_scatter.slopes(model, by_model, floor, by_floor)
+            by_left.append(_weighed(self._tip - of_tip - shown, -by_of_tip - by_shown, sigma, by_sigma)[:, self._tip_lines])
+        stacked = np.concatenate(by_left, axis=1) * math.sqrt(2.0)
+        by_priors = np.zeros((len(x), self.priors))
+        for row, (unknown, value, deviation) in enumerate(self._prior_values(x)):
+            far = 0.5 * value / deviation / LOSS
+            by_priors[unknown, row] = (1.0 + 2.0 * far**2) / math.hypot(1.0, far) / deviation
+        return np.asarray(np.concatenate([stacked.real, stacked.imag, by_priors], axis=1).T)
+
+    def _prior_values(self, x: Real) -> list[tuple[int, float, float]]:
+        """Unknowns that are known beforehand, their distances from what is expected, and standard deviations."""
         middle = 0.5 * self.timing.control_s
-        priors = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
-        if data.tip is not None:
-            priors += [x[TILT] / TILT_PRIOR, x[DISPERSION] / DISPERSION_PRIOR, x[BEYOND] / IMAGE_ERROR, x[TURNED] / IMAGE_ERROR]
-        priors = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in priors]
-        return np.concatenate([stacked.real, stacked.imag, priors])
+        known = [(AGE, float(x[AGE]) - middle, middle or AGE_PRIOR_S), (LAG, float(x[LAG]), LAG_PRIOR_S)]
+        if self.data.tip is not None:
+            of_tip = (TILT, TILT_PRIOR), (DISPERSION, DISPERSION_PRIOR), (BEYOND, IMAGE_ERROR), (TURNED, IMAGE_ERROR)
+            known += [(unknown, float(x[unknown]), deviation) for unknown, deviation in of_tip]
+        return known
 
     @property
     def priors(self) -> int:
@@ -525,6 +668,40 @@ def arm_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float = 
     """
     _, b, c = plant.terms(2j * math.pi * frequency_hz)
     return np.asarray(c / (b + gravity_nm_rad + c) / plant.reduction_ratio)
+
+
+def slopes_by_terms(plant: TwoInertia, jw: AnyComplex, gravity_nm_rad: float) -> tuple[Complex, Complex]:
+    """Slopes of the responses by the coefficients of A, B and c.
+
+    Args:
+        plant: The plant.
+        jw: jω; shape (…).
+        gravity_nm_rad: Gravity as in `angle_response`.
+
+    Returns:
+        Slopes of the motor angle per torque by those of s² and s in A, of s² and s in B, and of s and 1 in c, shape (6, …), and
+        of the arm angle per motor angle by the last four, shape (4, …).
+    """
+    a, b, c = plant.terms(jw)
+    b = b + gravity_nm_rad
+    square, arm, gear = jw**2, c / (b + c), b / (b + c)
+    of_a = -1.0 / (a + b * arm / plant.reduction_ratio**2) ** 2
+    of_b, of_c = of_a * (arm / plant.reduction_ratio) ** 2, of_a * (gear / plant.reduction_ratio) ** 2
+    arm_b, arm_c = -arm / (b + c) / plant.reduction_ratio, gear / (b + c) / plant.reduction_ratio
+    return (
+        np.stack([of_a * square, of_a * jw, of_b * square, of_b * jw, of_c * jw, of_c]),
+        np.stack([arm_b * square, arm_b * jw, arm_c * jw, arm_c]),
+    )
+
+
+def _rise(value: Complex, by: Complex) -> Real:
+    """Slopes of |value|."""
+    return np.asarray(np.real((value / np.maximum(np.abs(value), 1e-300)).conj() * by))
+
+
+def _weighed(left: Complex, by_left: Complex, sigma: Real, by_sigma: Real) -> Complex:
+    """Slopes of left/σ."""
+    return np.asarray((by_left - left / sigma * by_sigma) / sigma)
 
 
 def tip_response(
@@ -604,6 +781,12 @@ class Scatter:
         """
         variance = self.output + np.abs(gain) ** 2 * self.given - 2.0 * np.real(gain.conj() * self.both)
         return np.asarray(np.sqrt(np.maximum(variance, 1e-9 * self.output + 1e-300) + floor**2))
+
+    def slopes(self, gain: Complex, by_gain: Complex, floor: Real, by_floor: Real) -> tuple[Real, Real]:
+        """Standard deviation, and its slopes by the unknowns, shape (unknowns, lines)."""
+        sigma = self.deviation(gain, floor)
+        varies = sigma**2 > floor**2 + 2e-9 * self.output
+        return sigma, (varies * np.real((gain * self.given - self.both).conj() * by_gain) + floor * by_floor) / sigma
 
 
 def smooth(values: NDArray[Any]) -> NDArray[Any]:

@@ -256,7 +256,9 @@ def _search(
     """
     top = 0.3 / max(sweep.period_s for sweep in sweeps)
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
-    model = RampsModel(sweeps, reduction_ratio, sensing, orders, (0.8 * low, min(1.2 * high, 1.2 * top)))
+    band = (0.8 * low, min(1.2 * high, 1.2 * top))
+    # beyond twice the band the filter passes a sixteenth at most: enough to choose between arms
+    model = RampsModel(sweeps, reduction_ratio, sensing, orders, band, kept_bands=2.0)
     gear_fraction = GEAR_FRACTION if start is None else start.gear_fraction
     if start is not None and start.others:  # with the other modes as they are known only this one's neighbourhood is left
         low, high = 0.9 * start.resonance_hz, min(1.1 * start.resonance_hz, top)

@@ -8,6 +8,7 @@ For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepMod
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -175,10 +176,11 @@ class SweepModel:
         band_hz: tuple[float, float],
         noise: Noise | None = None,
         weight_of_all: float = 1.0,
+        kept_bands: float = 4.0,
     ) -> None:
         angle, period_s, self._orders = sweep.motor_angle_rad, sweep.period_s, tuple(orders)
         # nothing passes beyond four times the band, so every n-th sample says all
-        self._every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
+        self._every = max(1, int(0.5 / period_s / (kept_bands * band_hz[1])))
         self.sample_s = self._every * period_s
         self.direction = sweep.direction[:: self._every]
         self._rows = np.flatnonzero(self.direction)
@@ -225,7 +227,8 @@ class SweepModel:
         unknowns).
         """
         spectra = self._spectra * arm.response(self._frequency)
-        spectra[0] += self._own * np.exp(-2j * math.pi * self._frequency * arm.delay_s)
+        if self._has_own:
+            spectra[0] += self._own * np.exp(-2j * math.pi * self._frequency * arm.delay_s)
         rows = self._samples(spectra)
         return rows[0], rows[1:].T
 
@@ -279,21 +282,27 @@ class RampsModel:
         band_hz: tuple[float, float],
         noise: Noise | None = None,
         weights: Sequence[float] | None = None,
+        kept_bands: float = 4.0,
     ) -> None:
         each = weights or (1.0,) * len(sweeps)
         self._parts = [
-            SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise and noise.seen_with(weight), weight)
+            SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise and noise.seen_with(weight), weight, kept_bands)
             for sweep, weight in zip(sweeps, each, strict=True)
         ]
         self.directions = np.concatenate([part.direction[part.direction != 0] for part in self._parts])
         self.signal = np.concatenate([part.signal for part in self._parts])
         self.independent = float(np.mean([part.independent for part in self._parts]))
         self.orders, self.band_hz = orders, band_hz
-        self._put_forward: dict[tuple[int, tuple[float, ...]], Real] = {}
+        self._put_forward: dict[tuple[int, tuple[float, ...]], tuple[Real, Real]] = {}
+        self._made = lru_cache(1)(self._columns)
         self._direction_rows: dict[int, NDArray[np.intp]] = {}
 
     def columns(self, arm: Arm) -> tuple[Real, Real]:
-        """Columns of all recordings, one behind the other."""
+        """Columns of all recordings, one behind the other; those of the last arm are kept."""
+        return self._made(arm)
+
+    def _columns(self, arm: Arm) -> tuple[Real, Real]:
+        """Columns of all recordings, made anew."""
         parts = [part.columns(arm) for part in self._parts]
         return np.concatenate([motion for motion, _ in parts]), np.concatenate([matrix for _, matrix in parts])
 
@@ -352,13 +361,15 @@ class RampsModel:
             rows = self._rows_of(direction)
             if not len(rows):
                 continue
-            own, ahead = matrix[rows], self._ahead(direction, tuple(delays_s))
-            scale = np.sqrt(np.sum(own**2, axis=0)) + 1e-300
-            own = own / scale
-            wanted = ahead - motion[rows][:, np.newaxis]
-            solver = np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)
-            along = own.T @ wanted
-            totals += np.einsum("ij,ij->j", wanted, wanted) - np.einsum("ij,ij->j", along, solver @ along)
+            ahead, power = self._ahead(direction, tuple(delays_s))
+            own = np.vstack([matrix.T, motion]).take(rows, axis=1)
+            square, along = own @ own.T, own @ ahead
+            # the motor's motion is taken off all signals
+            wanted, along = power - 2.0 * along[-1] + square[-1, -1], along[:-1] - square[:-1, -1:]
+            scale = np.sqrt(np.diag(square)[:-1]) + 1e-300
+            along /= scale[:, np.newaxis]
+            solver = pseudo_inverse(square[:-1, :-1] / np.outer(scale, scale))
+            totals += wanted - np.einsum("ij,ij->j", along, solver @ along)
         return [float(total) for total in totals]
 
     def _rows_of(self, direction: int) -> NDArray[np.intp]:
@@ -367,13 +378,14 @@ class RampsModel:
             self._direction_rows[direction] = np.flatnonzero(self.directions == direction)
         return self._direction_rows[direction]
 
-    def _ahead(self, direction: int, delays_s: tuple[float, ...]) -> Real:
-        """Signal advanced by each delay, in one direction; shape (rows, delays)."""
+    def _ahead(self, direction: int, delays_s: tuple[float, ...]) -> tuple[Real, Real]:
+        """Signal advanced by each delay, in one direction, shape (rows, delays), and its power, shape (delays,)."""
         key = direction, delays_s
         if key not in self._put_forward:
             whole = [np.concatenate([part.ahead(delay) for part in self._parts]) for delay in delays_s]
             for side in (1, -1):
-                self._put_forward[side, delays_s] = np.stack([each[self._rows_of(side)] for each in whole], axis=1)
+                ahead = np.stack([each[self._rows_of(side)] for each in whole], axis=1)
+                self._put_forward[side, delays_s] = ahead, np.einsum("ij,ij->j", ahead, ahead)
         return self._put_forward[key]
 
     def power(self, arm: Arm) -> float:
@@ -388,8 +400,16 @@ def least_squares(matrix: Real, wanted: Real) -> Real:
     """
     scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale
-    found = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted)
+    found = pseudo_inverse(scaled.T @ scaled) @ (scaled.T @ wanted)
     return np.asarray((found.T / scale).T)
+
+
+def pseudo_inverse(square: Real) -> Real:
+    """Pseudo-inverse of a positive semidefinite matrix, by its eigenvalues from 1e-12 of the largest."""
+    values, vectors = np.linalg.eigh(square)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    kept = values > 1e-12 * values[0]
+    return np.asarray(vectors @ (np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)[:, np.newaxis] * vectors.T))
 
 
 def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, error: TransmissionError) -> Real:

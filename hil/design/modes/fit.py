@@ -17,7 +17,7 @@ import scipy
 from hil.design.estimation import EstimatedMode, EstimatedParameter, inverse
 from hil.design.frequency import Complex, Real
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
-from hil.design.plant_identification import SMALLEST_MISFIT, PlantEstimate, estimate_of, fitted
+from hil.design.plant_identification import SMALLEST_MISFIT, Descents, PlantEstimate, estimate_of
 from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
 from hil.design.plant_spectra import Spectra
 
@@ -67,11 +67,9 @@ def fit_modes(
         most: Largest number of modes.
     """
     problem = ModalProblem(data, timing, reduction_ratio, lever_m, gravity_nm_rad)
-    single_fit = _Fit.of(problem, single.unknowns)
-    fits, starts = [single_fit], _starts(problem, most)
-    for count in range(2, most + 1):
-        made = [_Fit.of(problem, start) for start in starts[count]]
-        fits.append(min(made, key=lambda each: each.cost))
+    single_fit = _Fit.best(problem, [single.unknowns])
+    starts = _starts(problem, most)
+    fits = [single_fit, *(_Fit.best(problem, starts[count]) for count in range(2, most + 1))]
     scatter = max(2.0 * min(each.cost for each in fits) / fits[-1].residuals, 1e-12)
     best = min(fits, key=lambda each: 2.0 * each.cost / scatter + UNKNOWN_COST * len(each.x) * math.log(each.residuals))
     while best is not single_fit and not _are_there(best):
@@ -98,9 +96,9 @@ class _Fit:
     residuals: int
 
     @classmethod
-    def of(cls, problem: ModalProblem, start: Real) -> "_Fit":
-        """Fit the unknowns from a start."""
-        fit: Any = fitted(problem, start)
+    def best(cls, problem: ModalProblem, starts: Sequence[Real]) -> "_Fit":
+        """Fit the unknowns from some starts."""
+        fit: Any = min(Descents(problem).of(starts), key=lambda each: float(each.cost))
         return cls(problem, fit.x, np.asarray(fit.jac), float(fit.cost), len(fit.fun))
 
     def covariance(self) -> Real:

@@ -180,6 +180,36 @@ class ModalProblem(PlantProblem):
             found = found + (mode.tip_part or 0.0) / self.ratio * amplification(mode.frequency_hz, mode.damping, jw)
         return np.asarray(found)
 
+    def shapes(self, x: Real, jw: AnyComplex, gravity_nm_rad: float) -> tuple[Complex, Complex]:
+        """What the slopes are made of: those of the plant, and three of each further mode, as `PlantProblem.shapes`."""
+        of_angle, of_arm = super().shapes(x, jw, gravity_nm_rad)
+        frequency = np.asarray(np.imag(jw) / (2.0 * math.pi), dtype=np.float64)
+        alone, angle = super().angle_per_torque(x, frequency, gravity_nm_rad), self.angle_per_torque(x, frequency, gravity_nm_rad)
+        first, *others = self.modes(x)
+        arm = super().arm_per_motor(x, frequency, gravity_nm_rad)
+        angles, arms = [of_angle * (angle / alone) ** 2], [of_arm * (first.tip_part or 0.0)]
+        for mode in others:
+            made = amplification(mode.frequency_hz, mode.damping, jw)
+            omega = 2.0 * math.pi * mode.frequency_hz
+            by_zeta = 2.0 * mode.damping * omega * jw * (1.0 - made) ** 2 / jw**2
+            by_omega = by_zeta + 2.0 * omega**2 * (1.0 - made) ** 2 / jw**2
+            load = -mode.inertia_kg_m2 * (angle * jw / self.ratio) ** 2
+            part = (mode.tip_part or 0.0) / self.ratio
+            angles.append(load * np.stack([made, by_omega, by_zeta]))
+            arms.append(np.stack([made / self.ratio - arm, part * by_omega, part * by_zeta]))
+        return np.concatenate(angles), np.concatenate(arms)
+
+    def by_shapes(self, x: Real) -> tuple[Real, Real]:
+        """Factors of `shapes` in the slopes by each unknown; shape (unknowns, n)."""
+        by_angle, by_arm = super().by_shapes(x)
+        more = np.zeros((2, len(x), 3 * len(self.slots(x))))
+        for column, slot in enumerate(self.slots(x)):
+            own = slice(3 * column, 3 * column + 3)
+            more[0, [slot + INERTIA, slot + FREQUENCY, slot + ZETA], own] = np.eye(3)
+            if self.data.tip is not None:
+                more[1, [slot + PART, slot + FREQUENCY, slot + ZETA], own] = np.eye(3)
+        return np.hstack([by_angle, more[0]]), np.hstack([by_arm, more[1]])
+
     def bounds(self, x: Real, *, are_times_held: bool = False) -> tuple[Real, Real]:
         """Bounds of one round of the fit around x."""
         low, high = super().bounds(x, are_times_held=are_times_held)

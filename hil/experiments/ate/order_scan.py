@@ -202,7 +202,7 @@ class _Scan:
         model = self.model(estimate, (*fitted, *map(float, grid)))
         motion, columns = model.columns(estimate.arm)
         own = columns[:, : 2 * len(fitted)]
-        basis = np.column_stack([motion, own, *_slopes(model, estimate.arm, 2 * len(fitted))])
+        basis = np.column_stack([motion, own, *_slopes(self.model(estimate, fitted), estimate.arm)])
         powers = _powers(basis, model.signal, columns[:, 2 * len(fitted) :]) / max(
             float(np.sum((model.signal - motion) ** 2)), 1e-300
         )
@@ -229,8 +229,8 @@ class _Scan:
         return whole if powers[-1] >= NEARLY_AS_GOOD * powers[best] else round(fine[min(best, len(fine) - 1)], 2)
 
 
-def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:
-    """Slopes of motion and first columns by frequency, damping and delay."""
+def _slopes(model: RampsModel, arm: Arm) -> list[Real]:
+    """Slopes of motion and columns by frequency, damping and delay."""
     slopes = []
     for changes in (
         {"resonance_hz": 0.01 * arm.resonance_hz},
@@ -240,7 +240,7 @@ def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:
         sides = []
         for sign in (1.0, -1.0):
             motion, columns = model.columns(replace(arm, **{name: getattr(arm, name) + sign * x for name, x in changes.items()}))
-            sides.append(np.column_stack([motion, columns[:, :count]]))
+            sides.append(np.column_stack([motion, columns]))
         slopes.append(np.asarray(sides[0] - sides[1]))
     return slopes
 

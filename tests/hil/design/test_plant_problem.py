@@ -1,6 +1,7 @@
 """What a plant's fit knows of the drive: how set-points become references, and what a loop that is sampled does with them."""
 
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import scipy
 
 from hil.control.cascade import Cascade
 from hil.design.frequency import TwoInertia
+from hil.design.modes.problem import ArmMode, ModalProblem
 from hil.design.plant_problem import (
     AGE,
     ARM_PART,
@@ -96,3 +98,25 @@ def test_the_images_are_those_of_a_loop_that_is_sampled(sync_ms: float, control_
     response = problem.angle_per_torque(x, data.frequency_hz, 0.0)
     assert np.max(np.abs(angle / foretold - 1.0)) < 5e-5
     assert np.max(np.abs(angle / (response * felt) - 1.0)) < 5e-4
+
+
+@pytest.mark.parametrize("kind", ["torque", "reference"])
+@pytest.mark.parametrize("has_tip", [True, False])
+@pytest.mark.parametrize("law", [Cascade(16.0, 0.06, 0.6, lowpass_hz=300.0), None])
+def test_slopes_are_those_of_the_residual(kind: Literal["torque", "reference"], has_tip: bool, law: Cascade | None) -> None:
+    """Against central differences at a point at which nothing is zero, with one mode and with three."""
+    draw = np.random.default_rng(3)
+    frequency = np.arange(3.0, 40.0, 0.5)
+    rows = draw.normal(size=(2, 4, 5, len(frequency)))
+    angle, torque, tip, excitation = (rows[0] + 1j * rows[1]) * np.array([1e-3, 0.1, 0.5, 0.1])[:, None, None]
+    data = Spectra(frequency, excitation, angle, torque, tip if has_tip else None)
+    problem = ModalProblem(data, SamplingTiming(4e-3, 250e-6, kind, law), 100.0, 0.5, 20.0)
+    part = [0.7, 0.2, 0.1] if has_tip else [None] * 3
+    modes = [ArmMode(j, f, z, p) for j, f, z, p in zip((5.0, 2.0, 1.0), (8.0, 13.0, 25.0), (0.05, 0.03, 0.04), part, strict=True)]
+    for count in (1, 3):
+        x = problem.start_with(np.array([4e-4, 1e-3]), modes[:count])
+        x[LAG] = 3e-4
+        x += 0.3 * problem.scale(x) * draw.normal(size=len(x))
+        steps = 1e-4 * problem.scale(x)
+        sides = [(problem.residual(x + step) - problem.residual(x - step)) / 2.0 for step in np.diag(steps)]
+        np.testing.assert_allclose(problem.slopes(x) * steps, np.stack(sides, axis=1), rtol=1e-5, atol=1e-7)
