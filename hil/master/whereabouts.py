@@ -3,10 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
-from hil.bench.bench import Limits
 from hil.errors import NOT_DISABLED
+
+if TYPE_CHECKING:  # every command loads this module, and a bench loads scipy
+    from hil.bench.bench import Limits
 
 AWAY_REV: Final = 0.01
 """Last digit of a motor position in words, in which commands take it: nearer than that no command brings an axis."""
@@ -26,7 +28,7 @@ def move_command(axis: int, to_rev: float) -> str:
     return f"hil move --axis {axis} --to {rev_text(to_rev)}"
 
 
-def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_rev: float) -> str:
+def way_out(axis: int, stands_rev: float, limits: "Limits", low_rev: float, high_rev: float) -> str:
     """Return an axis' position, and the command to a better one.
 
     From there the motion remains within the position limits.
@@ -47,7 +49,7 @@ def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_r
     return f"{here}; {move_command(axis, min(max(0.0, lowest), highest))} moves it to where the motion fits"
 
 
-def name_range(limits: Limits) -> str:
+def name_range(limits: "Limits") -> str:
     """The position limits in words."""
     return f"{limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
 
