@@ -173,9 +173,9 @@ class NodeWatch:
         channels = slave._sdo.servers
         assert len(channels) <= 2
         assert all(server.buffered_bytes <= SDO_DOWNLOAD_BYTES + 7 * 127 for server in channels.values())
-        assert len(slave._emergency._waiting) <= 8
-        assert len(slave._emergency._history) <= 8
-        assert len(slave._emergency._active) <= 64
+        assert len(slave.emergencies._waiting) <= 8
+        assert len(slave.emergencies._history) <= 8
+        assert len(slave.emergencies._active) <= 64
         assert len(slave.dictionary.stored) <= len(slave.dictionary)
         for queue in (getattr(slave, "_tpdos", None), getattr(slave, "_answers", None)):
             assert queue is None or len(queue.frames) <= 1024

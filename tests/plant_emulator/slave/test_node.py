@@ -119,7 +119,7 @@ def test_whatever_happens_each_reset_has_one_boot_up_message_and_no_queue_grows(
         sent += slave.take_frames()
         boots = [f.can_id for f in sent if 0x700 < f.can_id <= 0x77F and f.data == b"\x00"]
         assert boots == [0x700 + node_id for node_id in resets if node_id != UNCONFIGURED]
-        assert len(slave._emergency._waiting) <= 8
+        assert len(slave.emergencies._waiting) <= 8
         assert len(sent) < 200
         due = slave.due
         assert due is None or due > bench.now
