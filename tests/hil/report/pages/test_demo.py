@@ -318,7 +318,7 @@ def test_holes_in_a_recording_are_bridged_and_said(full_directory, tmp_path):
 @pytest.mark.usefixtures("without_pictures")
 def test_failed_claims_and_markup_in_names(full_directory, tmp_path):
     def change(result):
-        result["bench"]["file"]["name"] = "<b>&robot"
+        result["bench"]["name"] = result["bench"]["file"]["name"] = "<b>&robot"
         result["paper"][1].update(holds=False, bench=12.1)
         result["paper"][0].update(holds=None, bench=None)
 
