@@ -199,33 +199,19 @@ def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, 
 
     2nd-order Butterworth, forward and backward, as far as the sampling rate allows.
 
-    It is `scipy.signal.sosfiltfilt`, which computes the filter's state at rest anew each time.
-
     Raises:
-        ValueError: The sampling period is too long for the band, or there are too few samples.
+        ValueError: The sampling period is too long for the band.
     """
-    sections, rest = _band(period_s, *shown_band(period_s, band_hz))
-    values, n = np.asarray(acceleration_m_s2), BAND_EDGE
-    if len(values) <= n:
-        raise ValueError(f"{len(values)} samples are too few for a band pass; at least {n + 1} are needed")
-    values = np.concatenate([2.0 * values[0] - values[n:0:-1], values, 2.0 * values[-1] - values[-2 : -n - 2 : -1]])
-    for _ in range(2):
-        values = scipy.signal.sosfilt(sections, values, zi=rest * values[0])[0][::-1]
-    return values[n:-n]
-
-
-BAND_EDGE = 15
-"""Samples by which a band pass continues a signal at either end: three times the coefficients of a side of the filter."""
+    return np.asarray(scipy.signal.sosfiltfilt(_band(period_s, *shown_band(period_s, band_hz)), acceleration_m_s2))
 
 
 @lru_cache(maxsize=32)
-def _band(period_s: float, low_hz: float, high_hz: float) -> tuple[Real, Real]:
-    """Return the sections of the band pass, and their state at rest for an input of 1.
+def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
+    """Return the sections of the band pass.
 
     They are cached: a search for a filter needs the same ones a thousand times.
     """
-    sections = np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
-    return sections, np.asarray(scipy.signal.sosfilt_zi(sections))
+    return np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
 
 
 def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float) -> Real:

@@ -101,7 +101,11 @@ class MessageChannel(Protocol):
         ...
 
     def open_line(self) -> None:
-        """Prepare the line for cycles that the core exchanges by itself."""
+        """Prepare the line for cycles that the core exchanges by itself.
+
+        Raises:
+            BusLostError: The bus is gone.
+        """
         ...
 
     def close_line(self) -> None:

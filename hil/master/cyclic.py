@@ -128,7 +128,7 @@ class CyclicExchange:
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
         run: The record of the run that the cycles belong to.
-        stretch: The record of the cycles to come, `stretch` of `run.h`; a single one that is not ended, unless a run says more.
+        stretch: The record of the cycles to come, `stretch` of `run.h`: one, which the core does not end, unless a run fills it.
     """
 
     missing_answers: int = _number("missing_answers")

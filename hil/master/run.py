@@ -36,11 +36,15 @@ APPROACH_RAMP_S = 0.5
 REST_S = 0.1
 """Standstill of the axes before their brakes close."""
 ADDED_UP_TO = 0.99
-"""Fraction of an axis' speed limit up to which set-points with additions go: a drive rounds to its counts."""
+"""Fraction of an axis' speed limit up to which set-points with additions go: a drive rounds to its counts.
+
+The next cycles make up for the rest. A SYNC that waits for another frame delays the measurement of an angle by some tenths of a
+millisecond, and the addition then has a step.
+"""
 
 _end_cycle = CORE.call.end_cycle
 _NOT_ENDED: int = CORE.call.NOT_ENDED
-ROWS_A_REPORT = 256
+PROGRESS_ROWS = 256
 """Rows of the motion between two reports of its progress."""
 
 
@@ -257,7 +261,7 @@ class Run:
         angles = self.motion.motor_angle_rad + np.asarray(self.starts)
         count, done = len(angles), 0
         try:
-            for row in range(0, count, ROWS_A_REPORT):
+            for row in range(0, count, PROGRESS_ROWS):
                 self.follow(angles[done : row + 1], done)
                 done = row + 1
                 self.progress(row / count)
@@ -322,12 +326,7 @@ class Run:
         return done
 
     def _add(self, adder: SteppedAdder, references: list[float], row: int | None) -> None:
-        """Ask for the additions to the next cycle's set-points.
-
-        Set-points with additions stay within the speed of each axis, and the next cycles make up for the rest: a SYNC that
-        waits for another frame delays the measurement of an angle by some tenths of a millisecond, and the addition then has
-        a step.
-        """
+        """Ask for the additions to the next cycle's set-points."""
         self._tell(row)
         positions, felt = self._values[CORE.call.POSITION_ROW :].tolist()
         self._additions[self._all], self._offsets[self._all] = adder.step(references, positions, felt)

@@ -46,7 +46,7 @@ class InProcessChannel(OneByOne):
         medium: The medium between world and client.
         is_logged: True if a measurement on it writes a log of its frames.
         syncs: Number of SYNCs so far.
-        line: The core's record of the medium, by which cycles need no Python; None where frames are logged, or have a medium.
+        line: The core's record of the medium, by which cycles need no Python; None where frames are logged, or a medium is given.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
         on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
@@ -92,7 +92,12 @@ class InProcessChannel(OneByOne):
         return [frame for each in self._sent for frame in (frames_of(each) if isinstance(each, bytes) else (each,))]
 
     def open_line(self) -> None:
-        """Prepare the line for cycles that the core exchanges by itself."""
+        """Prepare the line for cycles that the core exchanges by itself.
+
+        Raises:
+            BusLostError: `lost` is set.
+        """
+        self._check()
         if self.line is not None:
             self.line.syncs = self.syncs
             self.world.open_course()

@@ -10,16 +10,15 @@ from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, decode
 from drive_profiles.standard.object_address import object_address
+from drive_profiles.standard.objects import OBJECTS
 from drive_profiles.standard.units import Scaling, counts_per_rev
 from hil.bench.bench import AxisTable
 from hil.errors import NoAnswerError, NodeError, SdoAbortedError
 from hil.master.drive.needs import ABSENT, Need
 
 if TYPE_CHECKING:
+    from hil.logs.nodes import Node
     from hil.master.network import Network
-
-from drive_profiles.standard.objects import OBJECTS
-from hil.logs.nodes import Node
 
 
 class Questions:

@@ -131,6 +131,24 @@ def test_cycles_of_c_alone_leave_few_to_python(monkeypatch):
     assert len(messages) - logged < 0.1 * logged
 
 
+def test_a_bus_that_is_lost_ends_a_run_in_cycles_of_c_at_once():
+    bench, channel, told = short(load_bench("reference")), InProcessChannel(World(load_robot("reference")), is_logged=False), []
+    motion = constant_acceleration(bench, 2, 0.002)
+
+    def progress(share):
+        if not channel.lost:
+            told.append(round(share * len(motion.time_s)))
+        channel.lost = share > 0.3
+
+    with Session(bench, channel, BusLog(None), progress=progress) as session:
+        session.bring_up()
+        result = session.run(motion, "none", "drive")
+    assert result.stopped is not None
+    assert not result.stopped.all_disabled
+    assert "pulled" in result.stopped.reason
+    assert len(result.recording.time_s) == told[-1] + 1, "no row after that of the loss"
+
+
 def test_a_loop_of_the_host_goes_frame_by_frame_and_is_the_same():
     bench = short(load_bench("reference"))
     motion = constant_acceleration(bench, 2, 0.00025)

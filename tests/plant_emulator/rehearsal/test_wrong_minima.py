@@ -1,5 +1,7 @@
 """Drawn robots on which a fit ended in a wrong minimum: another delay with every phase turned by 180°, another resonance."""
 
+import math
+
 import pytest
 
 from drive_profiles.files.toml import loads
@@ -64,8 +66,8 @@ def test_a_soft_gear_is_found_from_its_plant_where_a_linear_arm_leads_astray(tmp
     assert found.arm_hz == pytest.approx(plant.antiresonance_hz, rel=0.03)
 
 
-@pytest.mark.parametrize("seed", [10129, 10139])
-def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, tmp_path):
+@pytest.mark.parametrize(("seed", "sigmas"), [(10129, math.inf), (10139, 4.0)])
+def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, sigmas, tmp_path):
     """Order 4 exceeds half of the SYNC rate and comes down at the resonance; an arm of 7 Hz still rings when a pass begins.
 
     The error that 10129 states is not tested: its part τ is 0.07 to 0.25 % by chance, and A_2 is 0.5 to 0.7 % off
@@ -79,7 +81,7 @@ def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, tm
         error = found.standard_error[f"a{order:g}_arcsec"]
         assert error < 0.01 * expected[order]
         assert abs(size - expected[order]) < 0.01 * expected[order]
-        assert abs(size - expected[order]) < 4.0 * error or seed == 10129
+        assert abs(size - expected[order]) < sigmas * error
 
 
 def learnt(seed, folder):
