@@ -13,6 +13,9 @@ PROBABILITY = 0.975
 SIGMAS = NormalDist().inv_cdf(PROBABILITY)
 """The same as standard errors by which an estimate must meet the claim."""
 
+RISK = 0.1
+"""Probability from which a harm is not risked after the last run: one that is let through weighs as nine that were none."""
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -48,3 +51,8 @@ class Decision:
     def is_likely(self) -> bool:
         """True if the claim is more probable than its contrary: the decision after the last run."""
         return self.probability > 0.5
+
+    @property
+    def is_risky(self) -> bool:
+        """True if a harm, which the claim is, may not be risked after the last run."""
+        return self.probability >= RISK

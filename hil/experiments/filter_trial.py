@@ -5,8 +5,9 @@ The motion runs without the filters and with them before the filters are used.
 A filter is designed on a model. On an axis that differs a little from it an order may rise, most of all if the gear is no
 spring. Every order of the gear is judged, at the speeds at which it meets f_al. Filters that raise the tip's peak in any
 window are not used, nor are filters that lower it in none. Runs are repeated until every rise exceeds the sensor's noise or
-is excluded by it; if the largest number of runs does not decide, their mean does. An order whose resonance the ramp does not
-pass is not judged: the peak there by switching the filter counts only above the motion's own largest peak.
+is excluded by it; if the largest number of runs does not decide, a rise that is still too probable counts as one. An order
+whose resonance the ramp does not pass is not judged: the peak there by switching the filter counts only above the motion's
+own largest peak.
 """
 
 from collections.abc import Callable, Collection
@@ -21,7 +22,7 @@ from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.runs import FilterTrial, FilterTrialPeak
 
-MOST_RUNS = 4
+MOST_RUNS = 6
 """Most runs of either kind: where the sensor's noise may hide a rise, the mean of so many may show it."""
 
 
@@ -77,6 +78,9 @@ def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> Fil
     words = ""
     if worst.rises.is_likely:
         words = f"the filters are refused: with them {worst.words}{end}"
+    elif worst.rises.is_risky:
+        rise = f"a rise by more than {worst.harmless_mm:.4f} mm has a probability of {100.0 * worst.rises.probability:.0f} %"
+        words = f"the filters are refused: with them {worst.words}, and {rise}{end}"
     elif not any(peak.falls.is_likely for peak in peaks):
         words = f"the filters are refused: they do not lower the tip's peak in any window; at best it {best.change}{end}"
     entries = tuple(

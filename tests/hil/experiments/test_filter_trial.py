@@ -8,7 +8,9 @@ import pytest
 
 from hil.analysis import tip_scale
 from hil.bench.bench import load_bench
+from hil.experiments.decision import RISK
 from hil.experiments.filter_trial import MOST_RUNS, try_filters
+from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.results.runs import FilterTrial
 
@@ -91,3 +93,16 @@ def test_every_order_that_the_gear_has_is_looked_at_where_it_meets_f_al(order: f
     assert found is not None
     to_mm = 1e3 / (2.0 * np.pi * F_AL_HZ) ** 2
     assert [float(each) for each in found.groups()] == pytest.approx([1.0 * to_mm, 1.5 * to_mm], rel=0.1)
+
+
+def test_a_rise_that_no_run_decides_is_not_risked() -> None:
+    """Measured as 3 % after the last run, where 5 % would be a harm: 0.005 beyond is two standard errors away, or one."""
+    trials = [tried({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.31}, noise=0.1, first_seed=20 * seed) for seed in range(40)]
+    for trial in trials:
+        peak = next(each for each in trial.peaks if each.order == 4)
+        change = PeakChange(peak.order, peak.before_mm, peak.after_mm, peak.error_mm)
+        assert trial.is_good == (change.rises.probability < RISK)
+    undecided = [trial.words for trial in trials if "has a probability of" in trial.words]
+    wanted = re.compile(r"a rise by more than 0\.00\d+ mm has a probability of [1-5]\d %; the motion")
+    assert undecided
+    assert all(wanted.search(words) for words in undecided)
