@@ -15,6 +15,7 @@ from hil.experiments.cancellation.ramp_trial import ramp_through
 from hil.experiments.cancellation.trial import Choice, choose
 from hil.experiments.cancellation.verdict import PartVerdict
 from hil.experiments.motions import constant_acceleration
+from hil.reporter import SILENT, Reporter
 from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
@@ -59,9 +60,21 @@ def test_a_ramp_is_no_faster_and_no_longer_than_the_motion_that_was_allowed() ->
         ramp_through(BENCH, 2, (4.0,), F_AL_HZ, short, 0.0)
 
 
-def choice_with(seed: int, turned: dict[float, float]) -> Choice:
-    """The trial's choice on a drawn robot with the true model, but for some phases."""
+class Steps(Reporter):
+    """Steps of a trial."""
+
+    def __init__(self) -> None:
+        self.steps: list[str] = []
+
+    def step(self, sentence: str) -> None:
+        self.steps.append(sentence)
+
+
+def choice_with(seed: int, turned: dict[float, float], times_noise: float = 1.0, reporter: Reporter = SILENT) -> Choice:
+    """The trial's choice on a drawn robot with the true model, but for some phases and a noisier accelerometer."""
     robot, text = drawn(seed, "both")
+    noisier = {"noise_m_s2": times_noise * robot.accelerometer.noise_m_s2}
+    robot = robot.model_copy(update={"accelerometer": robot.accelerometer.model_copy(update=noisier)})
     bench, axis = loads(text, Bench, "bench"), min(robot.axis)
     true = robot.axis[axis].apparent_ate
     phases = {order: phase + turned.get(order, 0.0) for order, phase in true.phases_deg().items()}
@@ -69,7 +82,8 @@ def choice_with(seed: int, turned: dict[float, float]) -> Choice:
     with session_on(robot, bench) as session:
         session.adopt(with_identified(bench, model))
         motion = constant_acceleration(bench, axis, bench.bus.sync_period_s)
-        return choose(session, cancellation_on(session, model, motion), motion, shows_filter=False)
+        cancellation = cancellation_on(session, model, motion)
+        return choose(session, cancellation, motion, shows_filter=False, reporter=reporter)
 
 
 def verdict_on(order: float, choice: Choice) -> PartVerdict:
@@ -95,6 +109,18 @@ def test_a_wrong_order_hidden_in_the_ramps_jolt_is_refused(seed: int, degrees: f
     assert verdict_on(4.0, wrong).verdict == "refused"
     assert wrong.cancellation is not None
     assert 4.0 not in {part.order for part in wrong.cancellation.parts}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "degrees", "verdict"), [(50273, 0.0, "accepted"), (10282, 60.0, "refused")])
+def test_a_ramp_that_does_not_decide_is_run_again(seed: int, degrees: float, verdict: str) -> None:
+    """Six times the sensor's noise leaves one pair of ramps undecided, right or wrong."""
+    told = Steps()
+    made = choice_with(seed, {4.0: degrees}, 6.0, told)
+    assert verdict_on(4.0, made).verdict == verdict
+    ramps = [step for step in told.steps if "4: hidden; a ramp" in step]
+    assert 4 <= len(ramps) <= 8
+    assert all("once more, for the mean" in step for step in ramps[2:])
 
 
 @pytest.mark.slow
