@@ -31,7 +31,6 @@ class DrawnRobot:
     """A robot drawn by its seed.
 
     Attributes:
-        seed: Its seed.
         robot_file: Robot file, with all its truth.
         bench_file: Bench file, without plant and transmission error.
     """

@@ -122,7 +122,6 @@ class TourRunner(ABC):
     """Runner of a tour: makes the steps, notes them, and writes the result.
 
     Attributes:
-        bench: The bench.
         out: Directory of the tour.
         reporter: Listener of each step, and of each run of the comparison.
         request: Request of the comparison that the tour ends with.

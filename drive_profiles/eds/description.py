@@ -45,8 +45,6 @@ class Description:
     """A device as its file describes it.
 
     Attributes:
-        path: The file.
-        file_format: Format of the file.
         dictionary: Every object that could be read. A default with ``$NODEID`` is marked ``relative``; its value has the node-ID
             in it if that is known, and is the constant part otherwise.
         warnings: Repairs: line, key such as ``[60C2sub2] DefaultValue``, the text in the file and the value taken for it.

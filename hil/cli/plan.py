@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import fail, print_json, table
+from drive_profiles.cli.console import fail, finite, print_json, table
 from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
 from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
 
@@ -228,14 +228,5 @@ def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Advise
         "gaps": verdict.gaps, "remarks": verdict.remarks, "stability": [asdict(axis) for axis in verdict.stability],
         "advice": [asdict(one) for one in adviser.advice],
     }  # fmt: skip
-    finite: dict[str, Any] = _finite(whole)
-    return finite
-
-
-def _finite(value: Any) -> Any:
-    """Value without NaN and infinity, which JSON does not have."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
-    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value
+    data: dict[str, Any] = finite(whole)
+    return data

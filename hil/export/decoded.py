@@ -165,7 +165,6 @@ class NamedPdo:
     """A PDO whose mapping is known.
 
     Attributes:
-        pdo: The PDO.
         name: Name: `axis2_tpdo1`.
         prefix: Name of the axis.
         numbers: Its numbers.

@@ -91,7 +91,6 @@ class Log:
     """Frames of a log.
 
     Attributes:
-        path: The file.
         streams: Frames by identifier, with the flags of SocketCAN.
         damage: Parts that could not be read.
         began_s: Stamp of the first frame as in the file, in s.

@@ -50,7 +50,6 @@ class AbortedTransfer:
         stamp_ns: Stamp of the abort.
         node: Node-ID of the server.
         address: Index and sub-index.
-        code: Abort code.
         by_server: True if the server aborted it.
     """
 

@@ -74,7 +74,6 @@ class Conditions:
 
     Attributes:
         a_arcsec: Amplitude.
-        error_arcsec: Its standard error.
         load_kg: Load; None if it is not known.
         direction: Direction of the motor; None for both.
         seen_by: Signal from which it was identified.

@@ -37,7 +37,6 @@ class AxisStability:
     At the period and the delay of a plan.
 
     Attributes:
-        axis: Number of the axis.
         period_s: Sampling time of the loop; None: that of the drive, which is not known.
         delay_samples: Whole periods from sampling to torque.
         speed_rps: Motor speed at which it is worst; 0 is without notch.
@@ -72,7 +71,6 @@ class PlanVerdict:
         cycle: Frames on the bus.
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None if the bus cannot carry it at all.
-        stability: Stability by axis.
         gaps: Sentences on entries that profiles or bench file lack, and on ramps beyond limits.
         remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
     """

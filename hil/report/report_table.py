@@ -40,9 +40,7 @@ class ReportTable:
 
     Attributes:
         key: Anchor of the table.
-        title: Title of the table.
         header: Column names with units.
-        rows: Cells, row by row.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
         paper: Corresponding table of the paper; empty for none.

@@ -161,7 +161,6 @@ class Drawing:
 
     Attributes:
         key: Anchor of the figure.
-        title: Title of the figure.
         paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
         caption: Sentences below the figure.

@@ -37,7 +37,6 @@ class ZoomCurve:
 
     Attributes:
         name: Its name in the legend; empty for none.
-        colour: Name of its colour in the palette.
         x: Abscissa; shape (n,).
         y: Ordinate; shape (n,).
         is_broken: True for a broken line.
@@ -69,7 +68,6 @@ class ZoomShade:
     """Shaded part of a panel.
 
     Attributes:
-        colour: Its colour.
         x: Corners of the outline in x; shape (n,).
         y: Corners in y; shape (n,); empty for a shade across the whole panel.
     """
@@ -103,14 +101,12 @@ class ZoomPanel:
     """A panel: its curves and maps, and its limits.
 
     Attributes:
-        title: Title of the panel.
         names: Names of abscissa and ordinate with their units.
         x: Ends of the abscissa.
         y: Ends of the ordinate.
         is_log: True if the abscissa is logarithmic.
         is_square: True if both axes have one scale.
         right: Name of a second scale on the right, and how many of its units make one of the ordinate's; None without one.
-        curves: Curves.
         lines: Lines across the panel.
         shades: Shaded parts.
         map: Map of colours; None without one.

@@ -95,10 +95,8 @@ class MeasuredBench(ResultPart):
 
     Attributes:
         name: Name in the bench file.
-        bus: Address of the bus.
         clock: Clock of the bus: SYNCs, or the wall clock.
         started_utc: Instant of the beginning, ISO 8601.
-        versions: Versions by package.
         file: The whole bench file.
     """
 
@@ -174,7 +172,6 @@ class MeasuredResult(Result):
     """Base of the results of a measurement on one bench.
 
     Attributes:
-        bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
         causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.

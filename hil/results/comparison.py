@@ -12,9 +12,7 @@ class ComparisonRequestEntry(ResultPart):
     """Request of a comparison.
 
     Attributes:
-        experiments: Names of the experiments.
         axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
-        treatments: Treatments in their order.
         named: Treatments that the user has named.
     """
 
@@ -40,8 +38,6 @@ class AxisCompliance(ResultPart):
     """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
 
     Attributes:
-        axis: Axis number.
-        treatment: Name of the treatment.
         loop: Side that closes the loop, the drive or the host.
         slow: Compliance at 1 Hz.
         peak: Largest compliance from 0.1 to 30 Hz.
@@ -60,9 +56,7 @@ class ComparisonRow(ResultPart):
     """One treatment in one experiment.
 
     Attributes:
-        experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
-        treatment: Name of the treatment.
         loop: Side that closes the loop, the drive or the host.
         tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
         tip_peak_change_pct: Change of the peak against no treatment.
@@ -103,7 +97,6 @@ class ComparisonRobot(ResultPart):
         name: Name in its bench file.
         source: Path of the bench file.
         directory: Directory of its runs, below the comparison's.
-        bus: Address of its bus.
         tip_mm: Specification of its tip peak.
         rows: Row for each experiment and treatment.
         compliance: Compliance by axis and treatment.
@@ -159,13 +152,11 @@ class TourFact(ResultPart):
     """A drawn number of an emulated robot, and the identified one.
 
     Attributes:
-        axis: Axis number.
         symbol: Symbol of the quantity.
         name: Quantity in words.
         unit: Its unit.
         truth: The robot's number.
         estimate: Number that was identified; None if it was not, or nothing identifies it.
-        standard_error: Standard error of the estimate.
     """
 
     axis: int
@@ -204,7 +195,6 @@ class TourNotch(ResultPart):
     """Prediction of a design for its own notch and the bench file's.
 
     Attributes:
-        axis: Axis number.
         designed_mm: Predicted tip peak of the designed notch on the ramp.
         given_mm: That of the bench file's notch.
         missed: Margins that the bench file's notch misses, in words, the worst first.
@@ -231,7 +221,6 @@ class TourPart(ResultPart):
 
     Attributes:
         bench_file: Path of the bench file, from the tour's directory.
-        steps: Steps in their order.
         failure: Reason why it ended early, or None.
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
@@ -257,7 +246,6 @@ class TreatmentTable(Result):
 
     Attributes:
         started_utc: Instant of the beginning, ISO 8601.
-        request: Request of the comparison.
         robots: Robots in their order; empty if none was run.
         emulated: True if any robot is emulated, even in part; None if that is not known of one, and of none that it is.
     """

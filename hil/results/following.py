@@ -7,7 +7,6 @@ class FollowedOrder(ResultPart):
     """An order of an axis over a motion.
 
     Attributes:
-        axis: Axis number.
         order: Order k.
         amplitude_start_arcsec: A_k at the start, as identified.
         amplitude_end_arcsec: A_k at the end.
@@ -64,8 +63,6 @@ class FollowingBegin(ResultPart):
     Less was left in the trial, and it did not come from the gear.
 
     Attributes:
-        axis: Axis number.
-        order: Order k.
         part: Least remaining part of it for following.
     """
 

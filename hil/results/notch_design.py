@@ -54,7 +54,6 @@ class TipPeak(ResultPart):
     """Tip peak on the ramp, predicted, in the window of one order.
 
     Attributes:
-        order: Order k.
         rising_mm: Peak of the assumed plant while the speed rises.
         falling_mm: Peak of the assumed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
@@ -100,8 +99,6 @@ class DesignVerdict(ResultPart):
     Attributes:
         notch: Filters as a bench file writes them.
         holds: True if they meet all requirements.
-        checks: Check of each requirement.
-        tip_peaks: Tip peak by order.
         margins: Margins by motor speed.
         postures: Margins on the arm by posture; empty for an axis by itself.
     """
@@ -118,12 +115,9 @@ class NotchDesignResult(Result):
     """Result of a notch design.
 
     Attributes:
-        bench: Name of the bench.
-        axis: Axis number.
         orders: Orders k, in the order in which their filters were designed.
         plant_from: Source of the plant, in words.
         period_s: Sampling time of the loop.
-        delay_samples: Delay of the loop in samples.
         speed_limit_rps: Largest motor speed at which the requirements must hold.
         f_al_hz: Peak of |G_al| without a filter.
         requirements: Margins and tip peak to keep.

@@ -34,7 +34,6 @@ class TrueAxis(PlantTable):
 
     Attributes:
         ate: The transmission error.
-        coulomb_friction_nm: Coulomb friction.
         hysteresis_torque_nm: Hysteresis of the gear.
         wind_up_softness: Fraction of the stiffness that is missing near no torsion.
         current_time_constant_s: Lag of the current loop.

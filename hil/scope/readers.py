@@ -123,7 +123,6 @@ class FrameReading:
     Attributes:
         readers: The numbers.
         expected: Node of each identifier that is awaited with every SYNC.
-        axes: Names of the axes.
     """
 
     readers: tuple[FrameReader, ...]

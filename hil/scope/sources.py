@@ -23,7 +23,6 @@ class BusSource:
     """Rows of a bus, for a page.
 
     Attributes:
-        title: Title of the page.
         is_live: True if rows are still to come.
         past: The rows.
         signals: Signals of their columns.

@@ -52,7 +52,6 @@ class Finding:
         words: Observation with its numbers.
         remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
-        count: Number of places.
         node: Node-ID; None if it is of the bus.
         picture: Numbers of its picture.
     """

@@ -100,7 +100,6 @@ class CardStep:
 
     Attributes:
         after: Number with the treatment.
-        change: Change in words.
         mark: Mark of the specification.
         name: Treatment in words; empty if the card has one step only.
     """
