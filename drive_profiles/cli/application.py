@@ -254,7 +254,7 @@ def _with_fields(function: Callable[..., None]) -> Callable[..., None]:
     return flat if groups else function
 
 
-def mount(app: typer.Typer, *modules: ModuleType) -> None:
+def mount(app: Tool, *modules: ModuleType) -> None:
     """Add the commands of modules, and the groups that are theirs, to an application."""
     for module in modules:
         for function, name, settings in _declared[module.__name__]:
