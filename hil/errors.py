@@ -33,6 +33,29 @@ class FileProblemError(HilError):
         super().__init__(f"{path}: {problem}")
 
 
+class LogError(FileProblemError):
+    """The file is not a log of a bus, or has no frames."""
+
+
+class ExportError(FileProblemError):
+    """A source has nothing for an exported file, or contradictory units."""
+
+
+class RecordingFileError(FileProblemError, ValueError):
+    """A recording, or a given layout, cannot be used."""
+
+
+class MissingPackageError(HilError):
+    """A format needs a package that is not installed."""
+
+    exit_code = 3
+
+    def __init__(self, path: Path, package: str, extra: str) -> None:
+        """Keep the file, the package and the extra that installs it."""
+        self.path, self.package, self.extra = path, package, extra
+        super().__init__(f"{path}: this format needs {package}, which is not installed: pip install 'hil-bench[{extra}]'")
+
+
 class UnsafeRequestError(HilError):
     """A request would exceed a limit; nothing has been sent.
 

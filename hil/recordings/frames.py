@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from drive_profiles.eds.description import Description, load
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK
-from hil.logs.errors import LogError
+from hil.errors import LogError, MissingPackageError, RecordingFileError
 from hil.logs.log import Log, Stream
 from hil.logs.nodes import MappedNumber, described_node
 from hil.logs.opening import open_log
-from hil.recordings.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS, at_stamps
 
 Real = NDArray[np.float64]

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import Field
 
 from drive_profiles.files.toml import Table, load
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 from hil.recordings.units import ROLES, Role, Unit, unit_of
 from hil.robot_tables import Positive
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 from hil.recordings.layout import Column, Said, choose_columns
 from hil.recordings.source import Source, complete_rows
 from hil.recordings.units import Role

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 
 Real = NDArray[np.float64]
 

@@ -1,10 +1,12 @@
 """Result of `hil design notch` (`design.json`)."""
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
 
+from hil.design.frequency import TwoInertia
 from hil.design.notch_problem import Requirements
 from hil.design.notch_search import Effort
 from hil.results.base import Result, ResultPart
@@ -19,20 +21,11 @@ Bounded = Annotated[float | None, BeforeValidator(_without_infinity)]
 """A number, or None if it has no bound: JSON has no infinity."""
 
 
-class DesignPlant(ResultPart):
-    """One plant of the set for which filters were designed.
-
-    The fields are those of `hil.design.frequency.TwoInertia`.
-    """
+@dataclass(frozen=True)
+class DesignPlant(TwoInertia):
+    """One plant of the set for which filters were designed."""
 
     label: str
-    reduction_ratio: float
-    motor_inertia_kg_m2: float
-    motor_damping_nm_s_rad: float
-    arm_inertia_kg_m2: float
-    arm_damping_nm_s_rad: float
-    gear_stiffness_nm_rad: float
-    gear_damping_nm_s_rad: float
 
 
 class DesignCheck(ResultPart):

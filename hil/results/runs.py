@@ -4,6 +4,7 @@ Runs, changes by treatments, and the paper's claims.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
@@ -11,34 +12,17 @@ from pydantic import Field
 from hil.analysis import PAPER_WINDOWS_RPS, Direction, DirectionMetrics
 from hil.bench.model import IdentifiedArm
 from hil.control.shapers import SwingingMode
-from hil.master.lateness import Percentiles
-from hil.master.realtime import Measure
+from hil.master.lateness import WallClockTiming
 from hil.results.acted import ActedFilter, CancelledOrder, SourceFile
 from hil.results.base import MadeRun, MeasuredResult, ResultPart
 from hil.results.following import FollowingEntry
 
 
-class RunTiming(ResultPart):
-    """Punctuality of a run on the wall clock.
-
-    The fields are those of `hil.master.lateness.WallClockTiming`, and the motion's dropped cycles.
-    """
+@dataclass(frozen=True)
+class RunTiming(WallClockTiming):
+    """Punctuality of a run on the wall clock, and the motion's dropped cycles."""
 
     dropped_cycles: int
-    period_s: float
-    limit_s: float
-    cycles: int
-    dropped: int
-    late: int
-    missed: int
-    lateness: Percentiles
-    arrivals: Percentiles
-    bus_bits: int
-    duration_s: float
-    bitrate: int | None
-    bus_load: float | None
-    receive_overflows: int | None
-    measures: tuple[Measure, ...]
 
 
 class TrialRun(ResultPart):
