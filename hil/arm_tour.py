@@ -75,12 +75,8 @@ class _ArmTourRunner(TourRunner):
 def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
     """Learn on the reference arm's line, and run it side by side.
 
-    `out/result.json` has steps and claims, also after a failure.
-
-    Args:
-        address: Address of the bus on which the reference arm is served.
-        out: Directory; made if it is missing. The model file of an earlier tour is replaced.
-        reporter: Listener of each step and run.
+    `out/result.json` has steps and claims, also after a failure. The reference arm is served at `address`. The model file of an
+    earlier tour in `out` is replaced.
     """
     bench = bench_of_tour(out, REFERENCE_ARM.read_text(encoding="utf-8")).on(address)
     runner = _ArmTourRunner(bench, out, reporter, ComparisonRequest((LINE_MOTION,), (), TREATMENTS, frozenset(TREATMENTS)))

@@ -70,10 +70,7 @@ class EmulatorProcess:
     def __init__(self, robot: str, bitrate: int | None = None, *options: str) -> None:
         """Keep the robot and the bit rate of its bus.
 
-        Args:
-            robot: Robot file, or `reference`.
-            bitrate: Bit rate in bit/s; None for a bus without bit times.
-            options: More of `plant-emulator serve`.
+        A bus without a bit rate has no bit times; `options` are more of `plant-emulator serve`.
         """
         self.robot, self._options = robot, options
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")  # a socket's path has room for 107 bytes

@@ -151,13 +151,7 @@ class SafetyStopError(HilError):
     exit_code = 8
 
     def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
-        """Keep the reason.
-
-        Args:
-            reason: The reason to stop.
-            all_disabled: True if every drive has confirmed that it is disabled.
-            where: Positions of the axes, and how to go on; empty if nothing moved.
-        """
+        """Keep the reason, whether every drive has confirmed that it is disabled, and positions, empty if nothing moved."""
         self.reason, self.all_disabled, self.where = reason, all_disabled, where
         end = DISABLED if all_disabled else f"{NOT_DISABLED}: torque may act, and a brake may be open"
         super().__init__("; ".join(filter(None, (f"stopped: {reason}", end, where))))
@@ -172,13 +166,7 @@ class InterruptedRunError(SafetyStopError):
     exit_code = 130
 
     def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
-        """Keep the reason and the state of the drives.
-
-        Args:
-            reason: The reason.
-            all_disabled: True if every drive has confirmed that it is disabled.
-            where: Positions of the axes, in words.
-        """
+        """Keep the reason and the state of the drives."""
         super().__init__(reason, all_disabled=all_disabled, where=where)
         if not all_disabled:
             self.exit_code = SafetyStopError.exit_code  # type: ignore[misc]  # 130 tells a script that all is safe

@@ -164,13 +164,8 @@ class SdoPort:
     ) -> None:
         """Download the bytes of an object, once: it is never repeated blindly.
 
-        Args:
-            address: The object.
-            data: Its bytes, little-endian.
-            name: Name of the object, for messages.
-            value: The value as a message shall show it; None: the bytes.
-            timeout_s: Time that the answer may take, s; None: the port's. Commands may need longer.
-            in_blocks: True for a block transfer, where a read in blocks has succeeded.
+        A message shows `value`, by default the bytes. Commands may need a longer time than the port's. `in_blocks` asks for a
+        block transfer, where a read in blocks has succeeded.
 
         Raises:
             SdoAbortedError: The node refuses.

@@ -149,10 +149,8 @@ class Description:
 def load(path: str | Path, *, node_id: int | None = None, strict: bool = False) -> Description:
     """Read the description of a device from a file.
 
-    Args:
-        path: An EDS, DCF, XDD or XDC file of at most 4 MiB.
-        node_id: Node-ID for ``$NODEID``; it is preferred to that of the file.
-        strict: Refuse a file with any fault.
+    It is an EDS, DCF, XDD or XDC file of at most 4 MiB. `node_id` is preferred to that of the file for ``$NODEID``; `strict`
+    refuses a file with any fault.
 
     Raises:
         FileError: The file cannot be read, has no object, or has faults and `strict` is set; with all problems.

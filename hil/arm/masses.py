@@ -19,11 +19,7 @@ LEAST_FREE = 1e-9
 def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
     """Return the mass matrix in kg·m²; shape (n_links, n_links).
 
-    H(q) = Σ m J_vᵀ J_v + J_ωᵀ I J_ω over all bodies, joints from the base on.
-
-    Args:
-        arm: The arm.
-        joints_rad: Joint angles q; shape (n_links,).
+    H(q) = Σ m J_vᵀ J_v + J_ωᵀ I J_ω over all bodies, joints from the base on. Joint angles q have the shape (n_links,).
     """
     kinematics = Kinematics.of(arm)
     total = np.zeros((kinematics.count, kinematics.count))
@@ -38,9 +34,7 @@ def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
 def gravity_torques(arm: ArmTable, joints_rad: Real) -> Real:
     """Torques in N·m that hold the arm against gravity; shape (n_links,).
 
-    Args:
-        arm: The arm.
-        joints_rad: Joint angles q; shape (n_links,).
+    Joint angles q have the shape (n_links,).
     """
     kinematics = Kinematics.of(arm)
     total = np.zeros(kinematics.count)

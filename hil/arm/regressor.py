@@ -80,10 +80,7 @@ def made_up_masses(arm: Kinematics) -> Real:
 def workspace(low_rad: Real, high_rad: Real, count: int) -> Real:
     """Postures spread over ranges of the joints; shape (count, n).
 
-    Args:
-        low_rad: Least angles; shape (n,). An angle that is to stay has equal ends.
-        high_rad: Largest angles; shape (n,); a full turn for a joint without end.
-        count: Number of postures.
+    Shapes (n,); an angle that is to stay has equal ends, a joint without end a full turn.
     """
     low = np.where(np.isfinite(low_rad), low_rad, -math.pi)
     high = np.where(np.isfinite(high_rad), high_rad, math.pi)

@@ -205,9 +205,7 @@ class StraightLine:
     def check_limits(self, limits: Sequence[JointLimits], period_s: float) -> None:
         """Refuse a line on which a joint leaves its limits.
 
-        Args:
-            limits: Limits of the joints, from the base on.
-            period_s: Time between the checked instants.
+        Limits are from the base on; instants are checked every `period_s`.
 
         Raises:
             LineError: A joint does, or the arm cannot follow the line.

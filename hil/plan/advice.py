@@ -117,12 +117,6 @@ class Adviser:
 
     Attributes:
         wire: Bit rates of the bus; for a plan without bit times, classic CAN at its fastest.
-
-    Args:
-        axes: Numbers of the axes that take part.
-        loop: Place of the loop, drive or host.
-        verdict: Verdict on the plan.
-        with_notch: True if the filters act.
     """
 
     def __init__(

@@ -53,10 +53,8 @@ class FrameFile:
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.
 
-        Args:
-            path: The log.
-            description: EDS, DCF, XDD or DBC file; None if none was named.
-            node_id: Node-ID of the drive; None for that of the description.
+        The description is an EDS, DCF, XDD or DBC file, None if none was named; the node-ID is by default that of the
+        description.
 
         Raises:
             RecordingFileError: There is no description, or it maps nothing.

@@ -51,8 +51,7 @@ class Past:
     def since(self, row: int) -> tuple[int, Real, Real]:
         """Rows from a number on.
 
-        Args:
-            row: Number of the first row that is wanted; rows that are not kept any more are left out.
+        Rows that are not kept any more are left out.
 
         Returns:
             Number of the first row, times and values; shapes (n,), (n, m).

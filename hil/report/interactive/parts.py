@@ -117,12 +117,8 @@ def columns_for(figures: Iterable[ZoomFigure]) -> int:
 def envelope(x: Real, y: Real, columns: int) -> tuple[Real, Real]:
     """Return least and largest value of each column of samples.
 
-    In their order. Without more samples than that, all samples.
-
-    Args:
-        x: Abscissa; shape (n,).
-        y: Ordinate, NaN for a missing value; shape (n,).
-        columns: Columns, of equally many samples each but for one.
+    In their order. Without more samples than that, all samples. Abscissa and ordinate, NaN for a missing value, have the shape
+    (n,); all columns but one have equally many samples.
 
     Returns:
         Both of shape (m,), m at most 2 `columns`. A column without any value leaves a gap.
