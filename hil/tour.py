@@ -122,10 +122,8 @@ class TourRunner(ABC):
     """Runner of a tour: makes the steps, notes them, and writes the result.
 
     Attributes:
-        out: Directory of the tour.
         reporter: Listener of each step, and of each run of the comparison.
         request: Request of the comparison that the tour ends with.
-        steps: Steps so far.
         emulated: Whether the robot of each step was emulated, as far as that is known.
         comparisons: Outcome of the comparison, once it has run.
     """

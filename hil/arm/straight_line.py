@@ -34,7 +34,6 @@ class LineError(ValueError):
     Attributes:
         fraction: Its end, as a fraction of the line.
         at_m: The same in m from its start.
-        why: Reason in words.
     """
 
     def __init__(self, fraction: float, length_m: float, why: str) -> None:
@@ -79,7 +78,6 @@ class StraightLine:
         move: The speed along the line.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
-        names: Names of the joints in messages.
     """
 
     arm: Kinematics

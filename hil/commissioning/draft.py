@@ -39,7 +39,6 @@ class ArmDrawing:
     """An arm's drawing.
 
     Attributes:
-        path: URDF file.
         folder: Folder of the bench file, from which its path counts.
         joints: Joints of the drives, in ascending order of node-IDs; empty if that is not known.
         tip_link: Link that is the tip; None: the only one at the end.

@@ -124,7 +124,6 @@ class Node:
     It has the objects' contents before a run restores them at its end.
 
     Attributes:
-        number: Node-ID.
         values: Contents of its objects then, by address: written or read last, else from a description.
         heard: Addresses of those in the log itself.
         pdos: Its PDOs.

@@ -102,7 +102,6 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        content: Hash of the measurement.
         robot: Name of the bench.
         measured_utc: Date of the measurement, ISO 8601.
         learnt_by: Source of the values, as in the model file.

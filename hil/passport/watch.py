@@ -29,9 +29,6 @@ class Trend:
         robot: Name of the bench.
         values: Amplitudes in arcsec, or phases in degrees, unwound.
         errors: Their standard errors.
-        is_phase: True for phases.
-        watch: Scores and alarm.
-        why: Reason for it.
     """
 
     robot: str

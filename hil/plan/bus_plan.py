@@ -126,7 +126,6 @@ class ResponseTime:
     From the start of the cycle; for a frame off the cycle, from its queuing.
 
     Attributes:
-        can_id: Identifier of the frame.
         quiet_ns: Arrival with only heartbeats beside the cycle; None if it grows without bound.
         busy_ns: Arrival with an emergency and SDO transfers as well.
         deadline_ns: Start of the next cycle, or the frame's own period.

@@ -44,7 +44,6 @@ class AxisStability:
         gain_margin_db: Gain margin at that speed.
         phase_margin_deg: Phase margin at that speed.
         pole_radius: Largest |z| at that speed.
-        level: Stability in a word.
         reason: Reason for an unknown stability.
     """
 

@@ -39,7 +39,6 @@ class ReportTable:
     Cells that are not text begin with a number or a dash and are aligned to the right.
 
     Attributes:
-        key: Anchor of the table.
         header: Column names with units.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.

@@ -160,7 +160,6 @@ class Drawing:
     """One figure of the report.
 
     Attributes:
-        key: Anchor of the figure.
         paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
         caption: Sentences below the figure.

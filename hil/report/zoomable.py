@@ -107,8 +107,6 @@ class ZoomPanel:
         is_log: True if the abscissa is logarithmic.
         is_square: True if both axes have one scale.
         right: Name of a second scale on the right, and how many of its units make one of the ordinate's; None without one.
-        lines: Lines across the panel.
-        shades: Shaded parts.
         map: Map of colours; None without one.
     """
 

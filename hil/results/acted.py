@@ -51,7 +51,6 @@ class SourceFile(ResultPart):
 
     Attributes:
         role: Part that it has: bench, model, design or learnt, or a file that the bench file names.
-        path: Path as it was given.
         sha256: SHA-256 of its content, in hexadecimal digits.
     """
 

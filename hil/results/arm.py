@@ -50,7 +50,6 @@ class ArmResult(Result):
     Attributes:
         started_utc: Instant of the evaluation, ISO 8601.
         arm: Entry of the model file.
-        measured: Every measured dip.
         line: Dips along the line motion; empty if they are not known.
         next_posture_deg: Joint angles, by axis, of the posture that would improve the fit most.
         notes: Sentences for the engineer.

@@ -15,7 +15,6 @@ class KnownArm(ResultPart):
     """Arm that was known before the passes.
 
     Attributes:
-        source: Source of the knowledge, in words.
         start: Arm from which the fit started; None if it was searched for.
         resonance_error_hz: Standard error of its resonance; None if it is not known.
         damping_error: Standard error of its damping ratio, likewise.

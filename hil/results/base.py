@@ -94,10 +94,8 @@ class MeasuredBench(ResultPart):
     """Bench of a measurement: its file, bus, instant and versions.
 
     Attributes:
-        name: Name in the bench file.
         clock: Clock of the bus: SYNCs, or the wall clock.
         started_utc: Instant of the beginning, ISO 8601.
-        file: The whole bench file.
     """
 
     name: str

@@ -94,12 +94,8 @@ class ComparisonRobot(ResultPart):
     """One robot of a comparison.
 
     Attributes:
-        name: Name in its bench file.
-        source: Path of the bench file.
         directory: Directory of its runs, below the comparison's.
-        tip_mm: Specification of its tip peak.
         rows: Row for each experiment and treatment.
-        compliance: Compliance by axis and treatment.
         not_restored: Objects that could not be restored in the nodes.
         versions: Versions by package; None if nothing was run.
         ended: Reason why it was not run to the end.
@@ -134,11 +130,9 @@ class TourStep(ResultPart):
     """One step of a tour.
 
     Attributes:
-        name: Name of the step in words.
         what: Result of the step in words, or its error.
         holds: True if the step succeeded.
         link: Path of its report, from the tour's directory; empty for none.
-        seconds: Duration of the step.
     """
 
     name: str
@@ -173,7 +167,6 @@ class TourClaim(ResultPart):
 
     Attributes:
         claim: Claim in words.
-        asked: Bound on the number.
         is_above: True if the number is to be above the bound, else it is to be at most that.
         found: The number; None if it was not judged.
         unit: Unit of both.
@@ -225,7 +218,6 @@ class TourPart(ResultPart):
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
         facts: True numbers of the robot beside the identified ones.
-        heading: Title of its page.
         claims: Claims; None for a tour without any.
         notches: Predictions of the designs, by axis; None for a tour without any.
     """

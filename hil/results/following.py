@@ -47,7 +47,6 @@ class FollowingPeak(ResultPart):
     Attributes:
         order: Order of the window; None for the whole motion.
         alone_mm: Peak with the cancellation alone.
-        following_mm: Peak with following.
         error_mm: Standard error of their difference.
     """
 

@@ -111,7 +111,6 @@ class ProbedPart(ResultPart):
         phi_deg: Phase.
         phi_error_deg: Its standard error.
         seen_fraction: Fraction of it that the runs show.
-        words: The same as a sentence.
     """
 
     axis: int

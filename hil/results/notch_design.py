@@ -50,7 +50,6 @@ class TipPeak(ResultPart):
         rising_mm: Peak of the assumed plant while the speed rises.
         falling_mm: Peak of the assumed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
-        worst_member: Label of the worst plant.
         other_mm: Largest peak of the assumed plant on each of the slower and faster ramps, by their rate in rev/s².
     """
 
@@ -92,7 +91,6 @@ class DesignVerdict(ResultPart):
     Attributes:
         notch: Filters as a bench file writes them.
         holds: True if they meet all requirements.
-        margins: Margins by motor speed.
         postures: Margins on the arm by posture; empty for an axis by itself.
     """
 
@@ -109,7 +107,6 @@ class NotchDesignResult(Result):
 
     Attributes:
         orders: Orders k, in the order in which their filters were designed.
-        plant_from: Source of the plant, in words.
         period_s: Sampling time of the loop.
         speed_limit_rps: Largest motor speed at which the requirements must hold.
         f_al_hz: Peak of |G_al| without a filter.
@@ -122,7 +119,6 @@ class NotchDesignResult(Result):
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the designed filters; None if only the given ones were judged.
         effort: Evaluations and seed of the search.
-        seconds: Duration of the design.
         emulated: True if plant or transmission error were identified on an emulated robot.
         notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """

@@ -51,7 +51,6 @@ class RecordedStretch(ResultPart):
     Attributes:
         file: Number of its file, from 0.
         direction: +1 forwards, −1 backwards.
-        turns: Revolutions of the motor.
         speed_rps: Median of its speed.
         from_s: Its beginning, from the first row.
         to_s: Its end.

@@ -20,7 +20,6 @@ class Past:
 
     Attributes:
         first: Number of the first row that is kept, counted from the start.
-        end: Number of the next row.
     """
 
     def __init__(self, kept_s: float = KEPT_S) -> None:

@@ -27,7 +27,6 @@ class BusSource:
         past: The rows.
         signals: Signals of their columns.
         events: Events, the oldest first.
-        event_count: Number of events since the beginning.
         ended: Why no more rows come; "" while they do.
     """
 

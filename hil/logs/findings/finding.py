@@ -49,7 +49,6 @@ class Finding:
     Attributes:
         kind: Its kind, a word or two joined by hyphens.
         severity: Weight of it.
-        words: Observation with its numbers.
         remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
         node: Node-ID; None if it is of the bus.

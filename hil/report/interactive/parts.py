@@ -30,9 +30,7 @@ class InteractiveParts:
 
     Attributes:
         policy: Content security policy: the page may run and load these scripts only.
-        scripts: Texts of the scripts, in their order.
         style: Rules for the figures.
-        numbers: Numbers of the figures as JSON.
     """
 
     policy: str
