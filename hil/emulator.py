@@ -108,7 +108,6 @@ class EmulatorProcess:
         return True
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
-        """End the process and remove its directory."""
         if self.process is not None:
             end(self.process)
             self.process = None

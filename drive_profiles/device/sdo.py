@@ -58,7 +58,6 @@ class ForeignRequests:
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
         self.count = 0
         self._sent: collections.deque[bytes] = collections.deque(maxlen=_ECHOES)
 
@@ -219,7 +218,8 @@ class SdoPort:
                 line.send(request_id, frame)
             return bytes(end.value)
         except TransferAbortedError as error:
-            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name, action) from error
+            others = " (another SDO client talks to this node)" if self.is_shared and error.code in _ENTANGLED else ""
+            raise self.refusal(self.node, *address, error.code, abort_text(error.code) + others, name, action) from error
         except TransferBrokenError as error:
             code = error.code
         line.send(request_id, transfer.abort(address, code))
@@ -267,11 +267,6 @@ class SdoPort:
 
     def _silent(self, what: str, after_s: float) -> NoAnswerError:
         return (self.shared if self.is_shared else self.silence)(self.node, what, after_s)
-
-    def _text_of(self, code: int) -> str:
-        """Return the text of an abort code."""
-        text = abort_text(code)
-        return f"{text} (another SDO client talks to this node)" if self.is_shared and code in _ENTANGLED else text
 
     def _look_at(self, answer: bytes) -> None:
         """Note the object of another client's confirmed write."""

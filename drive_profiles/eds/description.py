@@ -131,18 +131,11 @@ class Description:
         again = loads(data, self.path, node_id=self.node_id, file_format=self.file_format)
         wrong = [key for key, wanted in values.items() if key not in again.values or again.values[key] != wanted]
         if wrong:
-            raise FileError(
-                self.path,
-                tuple(
-                    Problem(
-                        0,
-                        f"{index:04X}:{subindex:02X}",
-                        f"{quoted(str(values[index, subindex]))} cannot be kept in this file",
-                        "",
-                    )
-                    for index, subindex in wrong
-                ),
+            problems = (
+                Problem(0, f"{index:04X}:{sub:02X}", f"{quoted(str(values[index, sub]))} cannot be kept in this file", "")
+                for index, sub in wrong
             )
+            raise FileError(self.path, tuple(problems))
         return data
 
 
@@ -182,26 +175,20 @@ def loads(
         raise OutOfRangeError("node-ID", node_id, "", f"not from 1 to {MAX_NODE_ID}")
     findings = Findings()
     is_xml = data[:256].lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<")
-    document = xdd.read(data, path, findings) if is_xml or file_format == "xdd" else read(data, path, findings)
     named = file_format or _SUFFIXES.get(path.suffix.lower())
-    actual = _file_format(
-        named, is_xml=is_xml or file_format == "xdd", is_dcf=any(name in document.sections for name in eds_device.COMMISSIONING)
-    )
+    actual: FileFormat  # XML by the content, else by the name
+    if is_xml or file_format == "xdd":
+        document, actual = xdd.read(data, path, findings), "xdd"
+    else:
+        document = read(data, path, findings)
+        is_dcf = any(name in document.sections for name in eds_device.COMMISSIONING)
+        actual = named if named in {"eds", "dcf"} else "dcf" if is_dcf else "eds"
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
     description = _described(document, actual, node_id, findings)
     if strict and description.problems:
         raise FileError(path, description.problems)
     return description
-
-
-def _file_format(named: FileFormat | None, *, is_xml: bool, is_dcf: bool) -> FileFormat:
-    """Choose the format: XML by the content, else by the name."""
-    if is_xml:
-        return "xdd"
-    if named is None or named == "xdd":
-        return "dcf" if is_dcf else "eds"
-    return named
 
 
 def _described(document: Document, file_format: FileFormat, node_id: int | None, findings: Findings) -> Description:

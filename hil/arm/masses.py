@@ -1,4 +1,4 @@
-"""Mass matrix, torques of gravity and levers of an arm."""
+"""Mass matrix and levers of an arm."""
 
 import math
 from collections.abc import Iterator
@@ -28,18 +28,6 @@ def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
         _, frame = kinematics.pose(joints_rad, centre)
         inertia = frame @ body.inertia_kg_m2.tensor() @ frame.T
         total += body.mass_kg * linear.T @ linear + about.T @ inertia @ about
-    return total
-
-
-def gravity_torques(arm: ArmTable, joints_rad: Real) -> Real:
-    """Torques in N·m that hold the arm against gravity; shape (n_links,).
-
-    Joint angles q have the shape (n_links,).
-    """
-    kinematics = Kinematics.of(arm)
-    total = np.zeros(kinematics.count)
-    for body, centre in _centres(arm):
-        total -= body.mass_kg * kinematics.jacobian(joints_rad, centre)[:3].T @ np.array(arm.gravity_m_s2)
     return total
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
-from hil.arm.tables import ArmTable
 
 Real = NDArray[np.float64]
 
@@ -45,16 +44,6 @@ def regressor(arm: Kinematics, joints_rad: Real) -> Real:
             product = w[..., :, np.newaxis, a] * w[..., np.newaxis, :, b]
             found[..., moving, moving, column] = product if a == b else product + np.swapaxes(product, -1, -2)
     return found
-
-
-def link_masses(arm: ArmTable) -> Real:
-    """θ of an arm whose links have bodies; shape (10 n,)."""
-    numbers = []
-    for body in arm.bodies():
-        centre = np.array(body.centre_m)
-        about = body.inertia_kg_m2.tensor() + body.mass_kg * (float(centre @ centre) * np.eye(3) - np.outer(centre, centre))
-        numbers += [body.mass_kg, *(body.mass_kg * centre), *(about[a, b] for a, b in _PAIRS)]
-    return np.array(numbers, dtype=np.float64)
 
 
 def made_up_masses(arm: Kinematics) -> Real:

@@ -261,15 +261,22 @@ class RunProgress(SpokenReporter):
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:
         from rich.console import Console  # noqa: PLC0415
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+        from rich.progress import (  # noqa: PLC0415
+            BarColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
         from rich.table import Column  # noqa: PLC0415
 
         self._console = Console(stderr=True)
         self._is_live = is_live and self._console.is_terminal
-        title = Column(overflow="fold", max_width=max(20, self._console.width - 36))  # the time is never cut
+        title = Column(overflow="fold", max_width=max(20, self._console.width - 44))  # the time is never cut
         self._bar = Progress(
             TextColumn("{task.description}", table_column=title), BarColumn(bar_width=16),
-            TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), console=self._console, disable=not self._is_live,
+            TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TimeRemainingColumn(), console=self._console,
+            disable=not self._is_live,
         )  # fmt: skip
         self._task: Any = None
         self._total, self._count = total, 0

@@ -205,9 +205,11 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
     if identity.serial_number:
         lines.append(f"serial_number = {identity.serial_number}            # so that no other drive is taken for this one")
     if node.scaling is not None:
-        lines.append(
-            f"# the drive counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
+        at = node.position_rev
+        where = (
+            "the position of its motor is not known" if at is None or not math.isfinite(at) else f"its motor is at {at:.3f} rev"
         )
+        lines.append(f"# the drive counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {where}")
     elif not node.unsaid:
         lines.append(
             f"# {node.doubt or 'the position counts of this node are not known without a profile'}: see docs/drive-needs.md"
@@ -263,11 +265,6 @@ def _control_lines(number: int, node: FoundNode) -> list[str]:
 def _is_as_found(node: FoundNode) -> bool:
     """True if the profile has no gains, which the maker's tool sets."""
     return node.profile is not None and not node.knows_gains
-
-
-def _position_words(node: FoundNode) -> str:
-    at = node.position_rev
-    return "the position of its motor is not known" if at is None or not math.isfinite(at) else f"its motor is at {at:.3f} rev"
 
 
 def _motion_lines() -> list[str]:

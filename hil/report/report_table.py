@@ -103,6 +103,15 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
     return (text[1:] if _NEGATIVE_ZERO.match(text) else text).replace("-", "−")
 
 
+def vector_text(unit: Sequence[float]) -> str:
+    """Format a direction in space.
+
+    >>> vector_text((1.0, 0.0, -0.5))
+    '(1.00, 0.00, −0.50)'
+    """
+    return f"({', '.join(f'{part:.2f}' for part in unit)})".replace("-", "−")
+
+
 def with_error(value: float | None, error: float | None) -> str:
     """Format value ± standard error as one text, the value alone without an error."""
     if value is None:

@@ -123,11 +123,8 @@ class ZoomPanel:
     map: ZoomMap | None
 
 
-@dataclass(frozen=True, eq=False)
-class ZoomFigure:
-    """A figure: its panels, by rows and columns of a grid."""
-
-    panels: dict[tuple[int, int], ZoomPanel]
+ZoomFigure = dict[tuple[int, int], ZoomPanel]
+"""A figure: its panels, by rows and columns of a grid."""
 
 
 def keep_whole(line: Line2D, x: Real, y: Real) -> None:
@@ -162,12 +159,12 @@ def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: t
 
 def zoomable(figure: Figure) -> ZoomFigure:
     """Return the zoomable data of a drawn figure with final limits."""
-    panels: dict[tuple[int, int], ZoomPanel] = {}
+    panels: ZoomFigure = {}
     for panel in figure.axes:
         place = panel.get_subplotspec()
         if place is not None and panel.get_visible() and panel.get_label() != "<colorbar>":
             panels[place.rowspan.start, place.colspan.start] = _panel(panel)
-    return ZoomFigure(panels)
+    return panels
 
 
 def _panel(panel: Axes) -> ZoomPanel:

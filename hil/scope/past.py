@@ -23,7 +23,6 @@ class Past:
     """
 
     def __init__(self, kept_s: float = KEPT_S) -> None:
-        """Begin with nothing."""
         self._kept_s = kept_s
         self._blocks: deque[tuple[Real, Real]] = deque()
         self.first = self.end = 0

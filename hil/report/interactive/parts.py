@@ -95,15 +95,13 @@ def numbers_json(figures: Mapping[str, ZoomFigure]) -> str:
     By key; equal figures give equal text. Every number is a 32-bit float: seven digits.
     """
     columns = columns_for(figures.values())
-    content = {
-        key: [_panel(panel, place, columns) for place, panel in sorted(figure.panels.items())] for key, figure in figures.items()
-    }
+    content = {key: [_panel(panel, place, columns) for place, panel in sorted(figure.items())] for key, figure in figures.items()}
     return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def columns_for(figures: Iterable[ZoomFigure]) -> int:
     """Return the columns per curve that keep the bound of a page."""
-    panels = [panel for figure in figures for panel in figure.panels.values()]
+    panels = [panel for figure in figures for panel in figure.values()]
     lengths = np.array([len(curve.x) for panel in panels for curve in panel.curves])
     room = MOST_OF_PAGE - sum(panel.map.values.size // 2 for panel in panels if panel.map is not None)
     columns = MOST_COLUMNS
