@@ -257,6 +257,9 @@ class RunProgress(SpokenReporter):
 
     It prints on standard error, so that standard output has only results. Without `is_live` it has no thread, which would
     take the interpreter from a run in real time.
+
+    Attributes:
+        is_live: True if there is a bar.
     """
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:
@@ -271,12 +274,12 @@ class RunProgress(SpokenReporter):
         from rich.table import Column  # noqa: PLC0415
 
         self._console = Console(stderr=True)
-        self._is_live = is_live and self._console.is_terminal
+        self.is_live = is_live and self._console.is_terminal
         title = Column(overflow="fold", max_width=max(20, self._console.width - 44))  # the time is never cut
         self._bar = Progress(
             TextColumn("{task.description}", table_column=title), BarColumn(bar_width=16),
             TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TimeRemainingColumn(), console=self._console,
-            disable=not self._is_live,
+            disable=not self.is_live,
         )  # fmt: skip
         self._task: Any = None
         self._total, self._count = total, 0
@@ -292,7 +295,7 @@ class RunProgress(SpokenReporter):
         """Show that a run begins."""
         self._count += 1
         label = f"[{self._count}/{self._total}] {title}"
-        if self._is_live:
+        if self.is_live:
             self._task = self._bar.add_task(label.replace("[", r"\["), total=1.0)
         else:
             say(label)

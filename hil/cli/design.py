@@ -138,7 +138,8 @@ def notch(
             )
             identified = None if model is None else load_identified(model)
             with RunProgress(1) as progress:
-                progress.run(f"axis {axis}")
+                if progress.is_live:  # elsewhere a design has nothing to say before its result
+                    progress.run(f"axis {axis}")
                 outcome = design(bench, request, identified, progress)
         except ValueError as error:
             raise fail(str(error), ExitStatus.USAGE) from None
