@@ -92,9 +92,7 @@ def last_rps(end_rps: float, acceleration_rps_s: float) -> float:
 def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
     """Return the orders in whose windows a ramp is judged.
 
-    Args:
-        scale: Scale of the axis; None if no f_al is known.
-        last_rps: Speed up to which the ramp shows the arm.
+    The scale is None if no f_al is known; the ramp shows the arm up to `last_rps`.
     """
     if scale is None:
         return ORDERS[1:]
@@ -217,12 +215,8 @@ def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
 def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float) -> Real:
     """Integrate a vibration twice to a displacement in m.
 
-    Without frequencies far below the band; shape of `acceleration_m_s2`.
-
-    Args:
-        acceleration_m_s2: Acceleration in the band; shape (n,).
-        period_s: Sampling period.
-        lowest_hz: Lower end of the band; nothing below half of it is left.
+    Without frequencies far below the band; shape of `acceleration_m_s2`. The acceleration has the shape (n,); nothing below
+    half of `lowest_hz`, the lower end of its band, is left.
     """
     length = 1 << (2 * len(acceleration_m_s2) - 1).bit_length()
     omega = 2.0 * math.pi * np.fft.rfftfreq(length, period_s)
@@ -233,12 +227,8 @@ def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float)
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, scale: TipScale) -> Real:
     """The paper's equivalent displacement of the tip, in mm.
 
-    The vertical acceleration in the band of the vibration (2nd-order Butterworth, forward and backward), over (2π f_al)².
-
-    Args:
-        acceleration_m_s2: Vertical tip acceleration; shape (n,).
-        period_s: Its sampling period.
-        scale: Scale of the axis that moved.
+    The vertical acceleration in the band of the vibration (2nd-order Butterworth, forward and backward), over (2π f_al)². The
+    vertical tip acceleration has the shape (n,); the scale is that of the axis that moved.
     """
     return np.asarray(1e3 * band_passed(acceleration_m_s2, period_s, scale.band_hz) / (2.0 * math.pi * scale.f_al_hz) ** 2)
 
@@ -358,12 +348,6 @@ def is_noise(tip_peak_mm: float | None, noise_mm: float | None) -> bool:
 def constant_acceleration_metrics(recording: Recording, axis: int, order: int, scale: TipScale) -> Metrics:
     """Metrics of a constant-acceleration run in the window of one order.
 
-    Args:
-        recording: The run.
-        axis: Number of the axis that moved.
-        order: Order k of the window, one of those of the scale.
-        scale: Scale of the axis.
-
     Raises:
         ValueError: The run does not pass through the window.
     """
@@ -393,13 +377,8 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
 def line_motion_metrics(recording: Recording, start_s: float, duration_s: float, scale: TipScale | None) -> Metrics:
     """Compute the metrics of a line motion.
 
-    Without a scale, only the area of its spectrum.
-
-    Args:
-        recording: The run.
-        start_s: Time of the recording at which the motion starts.
-        duration_s: Duration of the motion.
-        scale: Scale of the axes that moved, or None if no f_al is known.
+    Without a scale, only the area of its spectrum. The motion starts at `start_s` of the recording; the scale is None if no
+    f_al is known.
     """
     acceleration, period, time = recording.felt_m_s2, recording.period_s, recording.time_s
     motion = acceleration[(time >= start_s) & (time <= start_s + duration_s)]

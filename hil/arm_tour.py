@@ -15,7 +15,6 @@ from hil.experiments.comparison.plan import ComparisonRequest
 from hil.experiments.motions import LINE_MOTION
 from hil.experiments.treatment import known_from
 from hil.report.figures.directions import ALONG, peaks_mm
-from hil.report.writer import write_report_of
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import TourClaim
@@ -58,10 +57,7 @@ class _ArmTourRunner(TourRunner):
         where = (self.out / LEARN_PAGE).parent
         request = MotionLearnRequest(LINE_MOTION, orders=LEARNT_ORDERS)
         outcome = learn_motion_on_bus(self.bench, request, where, self.model, reporter=self.reporter)
-        self.emulated.append(outcome.result.emulated)
-        write_report_of(where)
-        if outcome.failure is not None:
-            raise outcome.failure
+        self.keep(outcome, where)
         if not outcome.result.learnt:
             raise NotPossibleError("nothing was learnt on the line")
         learnt = "; ".join(part.words for part in outcome.result.parts if part.outcome == "learnt")
@@ -75,12 +71,8 @@ class _ArmTourRunner(TourRunner):
 def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
     """Learn on the reference arm's line, and run it side by side.
 
-    `out/result.json` has steps and claims, also after a failure.
-
-    Args:
-        address: Address of the bus on which the reference arm is served.
-        out: Directory; made if it is missing. The model file of an earlier tour is replaced.
-        reporter: Listener of each step and run.
+    `out/result.json` has steps and claims, also after a failure. The reference arm is served at `address`. The model file of an
+    earlier tour in `out` is replaced.
     """
     bench = bench_of_tour(out, REFERENCE_ARM.read_text(encoding="utf-8")).on(address)
     runner = _ArmTourRunner(bench, out, reporter, ComparisonRequest((LINE_MOTION,), (), TREATMENTS, frozenset(TREATMENTS)))

@@ -31,7 +31,6 @@ class DrawnRobot:
     """A robot drawn by its seed.
 
     Attributes:
-        seed: Its seed.
         robot_file: Robot file, with all its truth.
         bench_file: Bench file, without plant and transmission error.
     """
@@ -71,10 +70,7 @@ class EmulatorProcess:
     def __init__(self, robot: str, bitrate: int | None = None, *options: str) -> None:
         """Keep the robot and the bit rate of its bus.
 
-        Args:
-            robot: Robot file, or `reference`.
-            bitrate: Bit rate in bit/s; None for a bus without bit times.
-            options: More of `plant-emulator serve`.
+        A bus without a bit rate has no bit times; `options` are more of `plant-emulator serve`.
         """
         self.robot, self._options = robot, options
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")  # a socket's path has room for 107 bytes
@@ -112,7 +108,6 @@ class EmulatorProcess:
         return True
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
-        """End the process and remove its directory."""
         if self.process is not None:
             end(self.process)
             self.process = None

@@ -28,9 +28,30 @@ class FileProblemError(HilError):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and its defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
+
+
+class LogError(FileProblemError):
+    """The file is not a log of a bus, or has no frames."""
+
+
+class ExportError(FileProblemError):
+    """A source has nothing for an exported file, or contradictory units."""
+
+
+class RecordingFileError(FileProblemError, ValueError):
+    """A recording, or a given layout, cannot be used."""
+
+
+class MissingPackageError(HilError):
+    """A format needs a package that is not installed."""
+
+    exit_code = 3
+
+    def __init__(self, path: Path, package: str, extra: str) -> None:
+        self.path, self.package, self.extra = path, package, extra
+        super().__init__(f"{path}: this format needs {package}, which is not installed: pip install 'hil-bench[{extra}]'")
 
 
 class UnsafeRequestError(HilError):
@@ -43,7 +64,6 @@ class UnsafeRequestError(HilError):
     causes = ("limits",)
 
     def __init__(self, what: str, value: float, limit: float, unit: str, remedy: str = "") -> None:
-        """Keep the quantity, its value and its limit."""
         self.what, self.value, self.limit, self.unit = what, value, limit, unit
         tail = f"; {remedy}" if remedy else ""
         digits = next((n for n in range(4, 12) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 4)  # told from the limit
@@ -56,7 +76,6 @@ class NotPossibleError(HilError):
     exit_code = 3
 
     def __init__(self, what: str, causes: tuple[RefusalCause, ...] = ()) -> None:
-        """Keep the text and its causes."""
         self.what, self.causes = what, causes
         super().__init__(what)
 
@@ -80,7 +99,6 @@ class WrongIdentityError(NodeError):
     """Another device than the bench file names answers at this node."""
 
     def __init__(self, node: int, what: str, expected: int, found: int) -> None:
-        """Keep both values."""
         self.expected, self.found = expected, found
         super().__init__(node, f"{what} is 0x{found:X}; the profile says 0x{expected:X}", "is this the right bench file?")
 
@@ -99,7 +117,6 @@ class ReadBackError(HilError):
     exit_code = 6
 
     def __init__(self, node: int, index: int, subindex: int, written: bytes, read: bytes) -> None:
-        """Keep both contents."""
         self.node, self.index, self.subindex, self.written, self.read = node, index, subindex, written, read
         super().__init__(
             f"node {node}: object {index:04X}h:{subindex:02X}h holds {read.hex(' ')} after {written.hex(' ')} was written"
@@ -128,13 +145,7 @@ class SafetyStopError(HilError):
     exit_code = 8
 
     def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
-        """Keep the reason.
-
-        Args:
-            reason: The reason to stop.
-            all_disabled: True if every drive has confirmed that it is disabled.
-            where: Positions of the axes, and how to go on; empty if nothing moved.
-        """
+        """Keep the reason, whether every drive has confirmed that it is disabled, and positions, empty if nothing moved."""
         self.reason, self.all_disabled, self.where = reason, all_disabled, where
         end = DISABLED if all_disabled else f"{NOT_DISABLED}: torque may act, and a brake may be open"
         super().__init__("; ".join(filter(None, (f"stopped: {reason}", end, where))))
@@ -149,13 +160,6 @@ class InterruptedRunError(SafetyStopError):
     exit_code = 130
 
     def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
-        """Keep the reason and the state of the drives.
-
-        Args:
-            reason: The reason.
-            all_disabled: True if every drive has confirmed that it is disabled.
-            where: Positions of the axes, in words.
-        """
         super().__init__(reason, all_disabled=all_disabled, where=where)
         if not all_disabled:
             self.exit_code = SafetyStopError.exit_code  # type: ignore[misc]  # 130 tells a script that all is safe

@@ -148,9 +148,7 @@ class BusLog:
     def __init__(self, path: Path | None, channel: str = "can") -> None:
         """Log to a file, or nowhere.
 
-        Args:
-            path: The file; None for none.
-            channel: Name of the bus in the log.
+        `channel` is the name of the bus in the log.
         """
         self.is_on = path is not None
         self._path = path

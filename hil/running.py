@@ -110,12 +110,8 @@ def run(
 def with_displacement(recording: Recording, entry: RunEntry) -> Recording:
     """A recording with the column `tip_displacement_mm`, by which its run was judged.
 
-    Of an axis alone it is the acceleration in the band, over (2π f_al)²; on a bench with an arm the acceleration along the worst
-    direction, integrated twice.
-
-    Args:
-        recording: Recording of the run.
-        entry: Window of the run; without a band or an f_al the recording stays as it is.
+    Of an axis alone it is the acceleration in the band, over (2π f_al)²; on a bench with an arm the acceleration along the
+    worst direction, integrated twice. Without a band or an f_al of its window the recording stays as it is.
     """
     worst = None if entry.directions is None else entry.directions["worst"].unit
     if entry.band_hz is None or (worst is None and entry.f_al_hz is None):

@@ -62,12 +62,8 @@ class Swing:
 def spectrum_mm(moved_mm: Real, period_s: float, rows: Rows) -> tuple[Real, Real]:
     """Compute the amplitude spectrum of all directions together.
 
-    In a Hann window, interpolated between its bins.
-
-    Args:
-        moved_mm: Displacement of the tip; shape (n, 3).
-        period_s: Sampling period.
-        rows: Rows of the window; shape (n,).
+    In a Hann window, interpolated between its bins. Displacements of the tip have the shape (n, 3), the rows of the window
+    (n,).
 
     Returns:
         Frequencies and amplitudes, of equal shape (m,).
@@ -87,13 +83,8 @@ def spectrum_mm(moved_mm: Real, period_s: float, rows: Rows) -> tuple[Real, Real
 def resonances_hz(moved_mm: Real, period_s: float, rows: Rows, band_hz: tuple[float, float]) -> list[float]:
     """Return the frequencies of the tip's largest swings in a band.
 
-    They are peaks of the spectrum, three at most, the lowest first.
-
-    Args:
-        moved_mm: Displacement of the tip; shape (n, 3).
-        period_s: Sampling period.
-        rows: Rows that count; shape (n,).
-        band_hz: The band.
+    They are peaks of the spectrum, three at most, the lowest first. Displacements of the tip have the shape (n, 3), the rows
+    that count (n,).
 
     Raises:
         ValueError: There are fewer than 32 rows.
@@ -114,11 +105,7 @@ def resonances_hz(moved_mm: Real, period_s: float, rows: Rows, band_hz: tuple[fl
 def swing(moved_mm: Real, period_s: float, rows: Rows, frequency_hz: float) -> Swing:
     """The tip's swing at a frequency.
 
-    Args:
-        moved_mm: Displacement of the tip; shape (n, 3).
-        period_s: Sampling period.
-        rows: Rows that count; shape (n,).
-        frequency_hz: The frequency, above 0.
+    Displacements of the tip have the shape (n, 3), the rows that count (n,); the frequency is above 0.
 
     Raises:
         ValueError: There are fewer than 32 rows, or the frequency is not above 0.

@@ -49,10 +49,7 @@ def displacement_mm(acceleration_m_s2: Real, period_s: float, band_hz: tuple[flo
 
         X(f) = −A(f)/(2π f)² · 1/(1 + ((f_1 f_2 − f²)/(f (f_2 − f_1)))⁸)
 
-    Args:
-        acceleration_m_s2: Acceleration of the tip; shape (n, directions).
-        period_s: Its sampling period.
-        band_hz: The band, from f_1 to f_2; as far as samples show it.
+    The tip's acceleration has the shape (n, directions); the band is from f_1 to f_2, as far as samples show it.
 
     Raises:
         ValueError: The sampling period is too long for the band.
@@ -78,12 +75,7 @@ def _gain_mm_s2_m(length: int, period_s: float, band_hz: tuple[float, float]) ->
 def noise_rms_mm(variances: Sequence[float], period_s: float, band_hz: tuple[float, float]) -> float:
     """Return the rms displacement of a sensor's white noise.
 
-    In its worst direction.
-
-    Args:
-        variances: Variance of each direction's samples, (m/s²)².
-        period_s: Their period.
-        band_hz: Band of the vibration.
+    In its worst direction. Variances are those of each direction's samples, in (m/s²)².
 
     Raises:
         ValueError: The sampling period is too long for the band.

@@ -36,6 +36,7 @@ from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, compare, request_entry
+from hil.experiments.measurement import MeasurementOutcome
 from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.experiments.notch_design import InfeasibleError, NotchDesignOutcome
 from hil.experiments.notch_problem import NotchDesignRequest
@@ -67,7 +68,6 @@ class UploadFailedError(HilError):
     """Not every drive holds its parameter set."""
 
     def __init__(self, outcomes: Sequence[UploadResult]) -> None:
-        """Keep the result of each upload."""
         self.outcomes = tuple(outcomes)
         self.exit_code = max(outcome.exit_code for outcome in outcomes) or 6  # type: ignore[misc]  # that of the failure itself
         super().__init__("; ".join(str(outcome) for outcome in outcomes if outcome.kind != "done"))
@@ -122,17 +122,13 @@ class TourRunner(ABC):
     """Runner of a tour: makes the steps, notes them, and writes the result.
 
     Attributes:
-        bench: The bench.
-        out: Directory of the tour.
         reporter: Listener of each step, and of each run of the comparison.
         request: Request of the comparison that the tour ends with.
-        steps: Steps so far.
         emulated: Whether the robot of each step was emulated, as far as that is known.
         comparisons: Outcome of the comparison, once it has run.
     """
 
     def __init__(self, bench: Bench, out: Path, reporter: Reporter, request: ComparisonRequest) -> None:
-        """Begin with no step."""
         self.bench, self.out, self.reporter, self.request = bench, out, reporter, request
         self.steps: list[TourStep] = []
         self.emulated: list[bool | None] = []
@@ -165,6 +161,13 @@ class TourRunner(ABC):
         finally:
             seconds = round(time.monotonic() - began, 2)
             self.steps.append(TourStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
+
+    def keep(self, outcome: MeasurementOutcome[Any], where: Path) -> None:
+        """Write the page of a step's measurement; raise the failure that ended it."""
+        self.emulated.append(outcome.result.emulated)
+        write_report_of(where)
+        if outcome.failure is not None:
+            raise outcome.failure
 
     def run_side_by_side(self, knowledge: Knowledge) -> tuple[str, str]:
         """Run the comparison that a tour ends with, as its last step."""
@@ -224,7 +227,6 @@ class _TourRunner(TourRunner):
         experiments: tuple[str, ...] = EXPERIMENTS,
         robot: DrawnRobot | None = None,
     ) -> None:
-        """Begin with no model and no filter."""
         super().__init__(bench, out, reporter, ComparisonRequest(experiments, axes, TREATMENTS, frozenset(TREATMENTS)))
         self.axes, self.effort, self.robot = axes, effort, robot
         self.designed: tuple[int, ...] | None = None
@@ -284,10 +286,7 @@ class _TourRunner(TourRunner):
     def identify_plant(self, axis: int) -> tuple[str, str]:
         where = (self.out / _plant_page(axis)).parent
         outcome = run_identify_plant(self.bench, PlantRequest(axis), where, model=self.model, reporter=self.reporter)
-        self.emulated.append(outcome.result.emulated)
-        write_report_of(where)
-        if outcome.failure is not None:
-            raise outcome.failure
+        self.keep(outcome, where)
         parameters = outcome.result.parameters
         if parameters is None:
             raise NotPossibleError(f"the plant of axis {axis} was not identified")
@@ -306,10 +305,7 @@ class _TourRunner(TourRunner):
     def identify_ate(self, axis: int) -> tuple[str, str]:
         where = (self.out / _ate_page(axis)).parent
         outcome = identify_ate(self.bench, AteRequest(axis), where, load_identified(self.model), reporter=self.reporter)
-        self.emulated.append(outcome.result.emulated)
-        write_report_of(where)
-        if outcome.failure is not None:
-            raise outcome.failure
+        self.keep(outcome, where)
         if outcome.part is None:
             raise NotPossibleError(f"the transmission error of axis {axis} was not identified")
         update_file(self.model, self.bench.name, axis, outcome.part)

@@ -182,8 +182,12 @@ class Tool(typer.Typer):
             self.callback(help=help)(_root)
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
-        """Return a decorator that adds a command, a `ToolCommand` by default."""
-        return super().command(name, **({"cls": ToolCommand} | settings))
+        """Return a decorator that adds a command, a `ToolCommand` by default.
+
+        A parameter that is a dataclass stands for its fields: the required ones at its place, the others after all parameters.
+        """
+        add = super().command(name, **({"cls": ToolCommand} | settings))
+        return lambda function: add(_with_fields(function))
 
     def run(self, arguments: Sequence[str] | None = None) -> None:
         """Run the tool; never returns."""
@@ -213,13 +217,10 @@ _declared: defaultdict[str, list[tuple[Callable[..., None], str | None, dict[str
 
 
 def command(name: str | None = None, **settings: Any) -> Callable[[_Command], _Command]:
-    """Return a decorator that declares a command of its module, for `mount`.
-
-    A parameter that is a dataclass stands for its fields: the required ones at its place, the others after all parameters.
-    """
+    """Return a decorator that declares a command of its module, for `mount`."""
 
     def declare(function: _Command) -> _Command:
-        _declared[function.__module__].append((_with_fields(function), name, settings))
+        _declared[function.__module__].append((function, name, settings))
         return function
 
     return declare
@@ -253,7 +254,7 @@ def _with_fields(function: Callable[..., None]) -> Callable[..., None]:
     return flat if groups else function
 
 
-def mount(app: typer.Typer, *modules: ModuleType) -> None:
+def mount(app: Tool, *modules: ModuleType) -> None:
     """Add the commands of modules, and the groups that are theirs, to an application."""
     for module in modules:
         for function, name, settings in _declared[module.__name__]:

@@ -209,10 +209,6 @@ def joined(words: list[str], current: int) -> tuple[list[str], int, str]:
 
     >>> joined(["serve", "--drive", "2", "=", "emu"], 4)
     (['serve', '--drive', '2=emu'], 2, '2=')
-
-    Args:
-        words: Words of the command line as bash has them.
-        current: Index of the word at the cursor.
     """
     whole: list[str] = []
     at, kept, is_open = 0, "", False

@@ -234,9 +234,5 @@ def _value(row: dict[str, Any], held: float | str | None) -> str:
     if held is None:
         return ""
     data_type = DataType.__members__.get(row["type"])
-    return _printable(shown.value(held, (row["index"], row["subindex"]), data_type, digits=_REAL_DIGITS))
-
-
-def _printable(text: str) -> str:
-    """Return the text of a file with control characters escaped."""
-    return text if text.isprintable() else repr(text)
+    text = shown.value(held, (row["index"], row["subindex"]), data_type, digits=_REAL_DIGITS)
+    return text if text.isprintable() else repr(text)  # of a file: control characters are escaped

@@ -37,8 +37,7 @@ came: list[int] = []
 def start(package: str) -> None:
     """Load a tool and run it; never returns.
 
-    Args:
-        package: Package of the tool; `app` in its `cli.main` is run.
+    The `app` of the package's `cli.main` is run.
     """
     global _tool  # noqa: PLW0603 - a process has one tool
     _tool = package.replace("_", "-")

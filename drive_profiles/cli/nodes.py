@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -204,45 +205,39 @@ def _seen(bus: SdoBus, node: int) -> str:
 
 lss_app = Tool("lss", "Node-ID and bit rate of nodes, also of one without a node-ID (LSS, CiA 305).", is_group=True)
 
-IdentityOption = Annotated[
-    str | None,
-    typer.Option(
-        "--identity", metavar="V,P,R,S", help="Vendor-ID, product code, revision and serial number of the node (1018h)."
-    ),
-]
-UnconfiguredOption = Annotated[bool, typer.Option("--unconfigured", help="The node without a node-ID, found by fast scan.")]
-OnlyOption = Annotated[bool, typer.Option("--only", help="The only node on the bus.")]
-StoreOption = Annotated[bool, typer.Option("--store", help="Store the change, so that it survives a loss of power.")]
-LssTimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=10.0, help="Longest time until an answer.")]
+
+@dataclass(frozen=True, kw_only=True)
+class OneNode:
+    """Options that choose one node by LSS."""
+
+    bus: BusOption
+    identity: Annotated[
+        str | None,
+        typer.Option(
+            "--identity", metavar="V,P,R,S", help="Vendor-ID, product code, revision and serial number of the node (1018h)."
+        ),
+    ] = None
+    unconfigured: Annotated[bool, typer.Option("--unconfigured", help="The node without a node-ID, found by fast scan.")] = False
+    only: Annotated[bool, typer.Option("--only", help="The only node on the bus.")] = False
+    timeout_s: Annotated[float, typer.Option("--timeout-s", min=0.01, max=10.0, help="Longest time until an answer.")] = 0.2
 
 
 @lss_app.command(epilog=READ_EPILOG)
-def show(
-    bus: BusOption,
-    *,
-    identity: IdentityOption = None,
-    unconfigured: UnconfiguredOption = False,
-    only: OnlyOption = False,
-    timeout_s: LssTimeoutOption = 0.2,
-) -> None:
+def show(one: OneNode) -> None:
     """Show identity and node-ID of one node, read by LSS.
 
     Example: drive-profiles lss show --unconfigured --bus socketcan:can0
     """
-    _with_one(bus, identity, unconfigured, only, timeout_s, lambda lss, address: None)
+    _with_one(one, lambda lss, address: None)
 
 
 @lss_app.command(epilog=READ_EPILOG)
 def node_id(
     new: Annotated[int, typer.Argument(metavar="NODE-ID", min=1, max=127, help="The new node-ID.")],
-    bus: BusOption,
+    one: OneNode,
     *,
-    identity: IdentityOption = None,
-    unconfigured: UnconfiguredOption = False,
-    only: OnlyOption = False,
-    store: StoreOption = False,
+    store: Annotated[bool, typer.Option("--store", help="Store the change, so that it survives a loss of power.")] = False,
     yes: YesOption = False,
-    timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
     """Give a node a node-ID.
 
@@ -258,19 +253,15 @@ def node_id(
             lss.store()
         typer.echo(f"{address}: node-ID {new} takes effect with its next reset of communication")
 
-    _with_one(bus, identity, unconfigured, only, timeout_s, change, taken=new)
+    _with_one(one, change, taken=new)
 
 
 @lss_app.command(epilog=READ_EPILOG)
 def bit_rate(
     new: Annotated[str, typer.Argument(metavar="RATE", help="The new bit rate: 1M, 500k, 125k.")],
-    bus: BusOption,
+    one: OneNode,
     *,
-    identity: IdentityOption = None,
-    unconfigured: UnconfiguredOption = False,
-    only: OnlyOption = False,
     yes: YesOption = False,
-    timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
     """Give a node a bit rate, and store it.
 
@@ -291,18 +282,10 @@ def bit_rate(
         lss.store()
         typer.echo(f"{address}: {rate} bit/s take effect after the node is switched off and on")
 
-    _with_one(bus, identity, unconfigured, only, timeout_s, change)
+    _with_one(one, change)
 
 
-def _with_one(
-    bus: str,
-    identity: str | None,
-    unconfigured: bool,
-    only: bool,
-    timeout_s: float,
-    change: Callable[[Lss, LssAddress], None],
-    taken: int | None = None,
-) -> None:
+def _with_one(one: OneNode, change: Callable[[Lss, LssAddress], None], taken: int | None = None) -> None:
     """Choose one node, print its address, and act on it.
 
     `taken` is a node-ID that must be free.
@@ -310,17 +293,17 @@ def _with_one(
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.lss import Lss
 
-    if (identity is not None) + unconfigured + only != 1:
+    if (one.identity is not None) + one.unconfigured + one.only != 1:
         raise fail("give one of --identity, --unconfigured and --only", ExitStatus.USAGE)
-    address = None if identity is None else _address(identity)
-    with exit_on_error(), SdoBus(bus, max(timeout_s, 0.1)) as opened:
+    address = None if one.identity is None else _address(one.identity)
+    with exit_on_error(), SdoBus(one.bus, max(one.timeout_s, 0.1)) as opened:
         there = opened.answering(range(1, 128))
-        if only and len(there) > 1:
+        if one.only and len(there) > 1:
             raise fail(
                 f"nodes {', '.join(map(str, there))} answer, but --only needs a single node; give --identity", ExitStatus.USAGE
             )
-        lss = Lss(opened, timeout_s)
-        with lss.chosen(address, unconfigured=unconfigured) as found:
+        lss = Lss(opened, one.timeout_s)
+        with lss.chosen(address, unconfigured=one.unconfigured) as found:
             now = lss.node_id()
             typer.echo(f"{found}: {'no node-ID' if now is None else f'node-ID {now}'}")
             if taken is not None and taken in there and taken != now:

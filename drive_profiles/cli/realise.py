@@ -5,15 +5,14 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import FILE_EPILOG, REALISE_EPILOG, exit_on_error, print_json, table
+from drive_profiles.cli.console import FILE_EPILOG, REALISE_EPILOG, exit_on_error, finite, print_json, table
 from drive_profiles.cli.options import JsonOption, ProfileName
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ def realise(
             "verdict": realisation.verdict,
             "biquads": [b._asdict() for b in realisation.biquads],
         }
-        print_json(_finite(facts))
+        print_json(finite(facts))
         return
     _show(profile, realisation)
 
@@ -192,24 +191,11 @@ def _why_unverified(fact: NotchFacts | LoopFacts | None) -> str:
     return "" if fact is None or fact.is_verified else " ".join((fact.note or fact.source).split())
 
 
-def _finite(facts: Any) -> Any:
-    """Replace infinities by None, since JSON has none."""
-    if isinstance(facts, dict):
-        return {key: _finite(value) for key, value in facts.items()}
-    if isinstance(facts, list | tuple):
-        return [_finite(value) for value in facts]
-    return None if isinstance(facts, float) and not math.isfinite(facts) else facts
-
-
 def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
     if as_json:
         print_json({"profile": error.profile, "reasons": error.reasons})
     else:
-        lines = [f"  {reason}{_option_for(reason)}" for reason in error.reasons]
+        option = " (--torque-constant)"
+        lines = [f"  {reason}{option if 'torque constant is needed' in reason else ''}" for reason in error.reasons]
         typer.echo("\n".join([f"{error.profile}: not realisable", *lines]), err=True)
     raise typer.Exit(error.exit_code)
-
-
-def _option_for(reason: str) -> str:
-    """Return the option that resolves a reason, in brackets."""
-    return " (--torque-constant)" if "torque constant is needed" in reason else ""

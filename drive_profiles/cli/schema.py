@@ -22,10 +22,7 @@ _ATTRIBUTE = re.compile(r"^ {4}(\w+): (.+?)(?=^ {4}\w+: |\Z)", re.MULTILINE | re
 def mount_schema(app: typer.Typer, kinds: Mapping[str, str], example: str) -> None:
     """Add ``schema`` to a tool.
 
-    Args:
-        app: The tool.
-        kinds: Classes of the files that the tool reads, as `module:name`, so that --help loads none.
-        example: Command that shows how it is used.
+    `kinds` has the classes of the files that the tool reads as `module:name`, so that --help loads none.
     """
     named = ", ".join(kinds)
 

@@ -25,7 +25,8 @@ def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | Non
     widths = _widths([list(column) for column in zip(*cells, strict=True)], width)
     if widths is None:
         return _blocks(cells[0], cells[1:], width or 0)
-    right = [i > 0 and _is_numeric([row[i] for row in cells[1:]]) for i in range(len(cells[0]))]
+    columns = [[row[i] for row in cells[1:]] for i in range(len(cells[0]))]
+    right = [i > 0 and any(column) and all(map(_NUMBER.fullmatch, column)) for i, column in enumerate(columns)]
     shown = [line for row in cells[1:] for line in _row(row, widths, right)]
     if not any(cells[0]):
         return shown
@@ -91,7 +92,3 @@ def _wrap(text: str, width: int, indent: str = "") -> list[str]:
     return textwrap.wrap(
         text, max(width, 1), break_long_words=False, break_on_hyphens=False, initial_indent=indent, subsequent_indent=indent * 2
     ) or [""]
-
-
-def _is_numeric(cells: Sequence[str]) -> bool:
-    return any(cells) and all(_NUMBER.fullmatch(cell) for cell in cells)

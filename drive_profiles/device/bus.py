@@ -106,11 +106,9 @@ class SdoBus:
         self._reader.start()
 
     def __enter__(self) -> Self:
-        """Return the bus itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the bus."""
         self.close()
 
     def close(self) -> None:

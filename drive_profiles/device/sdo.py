@@ -58,7 +58,6 @@ class ForeignRequests:
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
         self.count = 0
         self._sent: collections.deque[bytes] = collections.deque(maxlen=_ECHOES)
 
@@ -85,7 +84,6 @@ class SdoPort:
         refusal: Error raised where the node refuses; a user with errors of its own derives this class and names them.
         silence: Error raised where the node is silent; likewise.
         shared: Error raised instead where requests of another client to the node have been seen.
-        node: Node-ID.
         timeout_s: Time that an answer may take, s.
         strays: Objects whose writing the node has confirmed although this port did not write them.
     """
@@ -165,13 +163,8 @@ class SdoPort:
     ) -> None:
         """Download the bytes of an object, once: it is never repeated blindly.
 
-        Args:
-            address: The object.
-            data: Its bytes, little-endian.
-            name: Name of the object, for messages.
-            value: The value as a message shall show it; None: the bytes.
-            timeout_s: Time that the answer may take, s; None: the port's. Commands may need longer.
-            in_blocks: True for a block transfer, where a read in blocks has succeeded.
+        A message shows `value`, by default the bytes. Commands may need a longer time than the port's. `in_blocks` asks for a
+        block transfer, where a read in blocks has succeeded.
 
         Raises:
             SdoAbortedError: The node refuses.
@@ -225,7 +218,8 @@ class SdoPort:
                 line.send(request_id, frame)
             return bytes(end.value)
         except TransferAbortedError as error:
-            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name, action) from error
+            others = " (another SDO client talks to this node)" if self.is_shared and error.code in _ENTANGLED else ""
+            raise self.refusal(self.node, *address, error.code, abort_text(error.code) + others, name, action) from error
         except TransferBrokenError as error:
             code = error.code
         line.send(request_id, transfer.abort(address, code))
@@ -273,11 +267,6 @@ class SdoPort:
 
     def _silent(self, what: str, after_s: float) -> NoAnswerError:
         return (self.shared if self.is_shared else self.silence)(self.node, what, after_s)
-
-    def _text_of(self, code: int) -> str:
-        """Return the text of an abort code."""
-        text = abort_text(code)
-        return f"{text} (another SDO client talks to this node)" if self.is_shared and code in _ENTANGLED else text
 
     def _look_at(self, answer: bytes) -> None:
         """Note the object of another client's confirmed write."""

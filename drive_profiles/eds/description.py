@@ -45,8 +45,6 @@ class Description:
     """A device as its file describes it.
 
     Attributes:
-        path: The file.
-        file_format: Format of the file.
         dictionary: Every object that could be read. A default with ``$NODEID`` is marked ``relative``; its value has the node-ID
             in it if that is known, and is the constant part otherwise.
         warnings: Repairs: line, key such as ``[60C2sub2] DefaultValue``, the text in the file and the value taken for it.
@@ -133,28 +131,19 @@ class Description:
         again = loads(data, self.path, node_id=self.node_id, file_format=self.file_format)
         wrong = [key for key, wanted in values.items() if key not in again.values or again.values[key] != wanted]
         if wrong:
-            raise FileError(
-                self.path,
-                tuple(
-                    Problem(
-                        0,
-                        f"{index:04X}:{subindex:02X}",
-                        f"{quoted(str(values[index, subindex]))} cannot be kept in this file",
-                        "",
-                    )
-                    for index, subindex in wrong
-                ),
+            problems = (
+                Problem(0, f"{index:04X}:{sub:02X}", f"{quoted(str(values[index, sub]))} cannot be kept in this file", "")
+                for index, sub in wrong
             )
+            raise FileError(self.path, tuple(problems))
         return data
 
 
 def load(path: str | Path, *, node_id: int | None = None, strict: bool = False) -> Description:
     """Read the description of a device from a file.
 
-    Args:
-        path: An EDS, DCF, XDD or XDC file of at most 4 MiB.
-        node_id: Node-ID for ``$NODEID``; it is preferred to that of the file.
-        strict: Refuse a file with any fault.
+    It is an EDS, DCF, XDD or XDC file of at most 4 MiB. `node_id` is preferred to that of the file for ``$NODEID``; `strict`
+    refuses a file with any fault.
 
     Raises:
         FileError: The file cannot be read, has no object, or has faults and `strict` is set; with all problems.
@@ -186,26 +175,20 @@ def loads(
         raise OutOfRangeError("node-ID", node_id, "", f"not from 1 to {MAX_NODE_ID}")
     findings = Findings()
     is_xml = data[:256].lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<")
-    document = xdd.read(data, path, findings) if is_xml or file_format == "xdd" else read(data, path, findings)
     named = file_format or _SUFFIXES.get(path.suffix.lower())
-    actual = _file_format(
-        named, is_xml=is_xml or file_format == "xdd", is_dcf=any(name in document.sections for name in eds_device.COMMISSIONING)
-    )
+    actual: FileFormat  # XML by the content, else by the name
+    if is_xml or file_format == "xdd":
+        document, actual = xdd.read(data, path, findings), "xdd"
+    else:
+        document = read(data, path, findings)
+        is_dcf = any(name in document.sections for name in eds_device.COMMISSIONING)
+        actual = named if named in {"eds", "dcf"} else "dcf" if is_dcf else "eds"
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
     description = _described(document, actual, node_id, findings)
     if strict and description.problems:
         raise FileError(path, description.problems)
     return description
-
-
-def _file_format(named: FileFormat | None, *, is_xml: bool, is_dcf: bool) -> FileFormat:
-    """Choose the format: XML by the content, else by the name."""
-    if is_xml:
-        return "xdd"
-    if named is None or named == "xdd":
-        return "dcf" if is_dcf else "eds"
-    return named
 
 
 def _described(document: Document, file_format: FileFormat, node_id: int | None, findings: Findings) -> Description:

@@ -134,7 +134,6 @@ class Document:
     """The text of a file, divided into sections.
 
     Attributes:
-        path: The file.
         lines: Lines with their ends; together they are the file.
         encoding: Codec that turns the lines back into the bytes of the file.
         sections: Sections by `section_id`.

@@ -38,7 +38,9 @@ def read(data: bytes, path: Path, findings: Findings) -> Document:
     Raises:
         FileError: The file is too large, unsafe, no XML, or no description of a CANopen device.
     """
-    root = _tree(data, path)
+    if len(data) > MAX_BYTES:
+        raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
+    root = parse(data, path, "an XDD file")
     lists = [element for element in root.walk() if element.tag == "CANopenObjectList"]
     if not lists:
         raise FileError(
@@ -54,12 +56,6 @@ def read(data: bytes, path: Path, findings: Findings) -> Document:
         if item.tag == "CANopenObject":
             _object(document, item, parameters, findings)
     return document
-
-
-def _tree(data: bytes, path: Path) -> Element:
-    if len(data) > MAX_BYTES:
-        raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
-    return parse(data, path, "an XDD file")
 
 
 def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) -> EdsSection:

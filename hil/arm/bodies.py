@@ -75,10 +75,7 @@ class Body(Table):
 def moved(body: Body, turn: Real, origin_m: Real) -> Body:
     """Return a body in the frame that carries its own frame.
 
-    Args:
-        body: The body in its own frame.
-        turn: Rotation of its frame in the other; shape (3, 3).
-        origin_m: Origin of its frame in the other; shape (3,).
+    `turn`, shape (3, 3), and `origin_m`, shape (3,), are rotation and origin of its own frame in the other.
     """
     centre = origin_m + turn @ np.array(body.centre_m)
     tensor = turn @ body.inertia_kg_m2.tensor() @ turn.T

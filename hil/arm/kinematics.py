@@ -91,8 +91,7 @@ class Kinematics:
     def links(self, angles: Array) -> tuple[Array, Array]:
         """Return rotation and origin of each joint's frame after its turn.
 
-        Args:
-            angles: Joint angles in rad; shape (..., n).
+        Joint angles are in rad; shape (..., n).
 
         Returns:
             Shapes (..., n, 3, 3) and (..., n, 3).

@@ -1,4 +1,4 @@
-"""Mass matrix, torques of gravity and levers of an arm."""
+"""Mass matrix and levers of an arm."""
 
 import math
 from collections.abc import Iterator
@@ -19,11 +19,7 @@ LEAST_FREE = 1e-9
 def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
     """Return the mass matrix in kg·m²; shape (n_links, n_links).
 
-    H(q) = Σ m J_vᵀ J_v + J_ωᵀ I J_ω over all bodies, joints from the base on.
-
-    Args:
-        arm: The arm.
-        joints_rad: Joint angles q; shape (n_links,).
+    H(q) = Σ m J_vᵀ J_v + J_ωᵀ I J_ω over all bodies, joints from the base on. Joint angles q have the shape (n_links,).
     """
     kinematics = Kinematics.of(arm)
     total = np.zeros((kinematics.count, kinematics.count))
@@ -32,20 +28,6 @@ def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
         _, frame = kinematics.pose(joints_rad, centre)
         inertia = frame @ body.inertia_kg_m2.tensor() @ frame.T
         total += body.mass_kg * linear.T @ linear + about.T @ inertia @ about
-    return total
-
-
-def gravity_torques(arm: ArmTable, joints_rad: Real) -> Real:
-    """Torques in N·m that hold the arm against gravity; shape (n_links,).
-
-    Args:
-        arm: The arm.
-        joints_rad: Joint angles q; shape (n_links,).
-    """
-    kinematics = Kinematics.of(arm)
-    total = np.zeros(kinematics.count)
-    for body, centre in _centres(arm):
-        total -= body.mass_kg * kinematics.jacobian(joints_rad, centre)[:3].T @ np.array(arm.gravity_m_s2)
     return total
 
 

@@ -53,12 +53,8 @@ class Mounting(Table):
 def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, gravity_m_s2: Array) -> Array:
     """Return a sensor's acceleration in the base frame, R_s f + g.
 
-    Args:
-        arm: The arm.
-        of: The sensor's place and axes.
-        angles: Joint angles; shape (n, joints).
-        sensed_m_s2: The signals f along the sensor's own axes; shape (n, 3).
-        gravity_m_s2: Acceleration of free fall; shape (3,); zeros for a sensor that does not measure gravity.
+    Joint angles have the shape (n, joints), the signals f along the sensor's own axes (n, 3), free fall (3,): zeros for a
+    sensor that does not measure gravity.
     """
     _, frames = arm.pose(angles, of)
     return np.asarray((frames @ sensed_m_s2[..., np.newaxis])[..., 0] + gravity_m_s2)
@@ -67,14 +63,8 @@ def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, g
 def along_lever(arm: Kinematics, of: LinkFrame, angles: Array, joint: int, acceleration_m_s2: Array) -> Array:
     """Return a point's acceleration along the direction of one joint's motion.
 
-    Zero if the joint does not move the point.
-
-    Args:
-        arm: The arm.
-        of: The point.
-        angles: Joint angles; shape (n, joints).
-        joint: Index of the joint, from the base on.
-        acceleration_m_s2: Acceleration of the point in the base frame; shape (n, 3).
+    Zero if the joint does not move the point. Joint angles have the shape (n, joints), the point's acceleration in the base
+    frame (n, 3); joints count from the base on.
     """
     lever = arm.jacobian(angles, of)[..., :3, joint]
     length = np.linalg.norm(lever, axis=-1)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
-from hil.arm.tables import ArmTable
 
 Real = NDArray[np.float64]
 
@@ -47,16 +46,6 @@ def regressor(arm: Kinematics, joints_rad: Real) -> Real:
     return found
 
 
-def link_masses(arm: ArmTable) -> Real:
-    """θ of an arm whose links have bodies; shape (10 n,)."""
-    numbers = []
-    for body in arm.bodies():
-        centre = np.array(body.centre_m)
-        about = body.inertia_kg_m2.tensor() + body.mass_kg * (float(centre @ centre) * np.eye(3) - np.outer(centre, centre))
-        numbers += [body.mass_kg, *(body.mass_kg * centre), *(about[a, b] for a, b in _PAIRS)]
-    return np.array(numbers, dtype=np.float64)
-
-
 def made_up_masses(arm: Kinematics) -> Real:
     """Return θ of rods with a load at the tip.
 
@@ -80,10 +69,7 @@ def made_up_masses(arm: Kinematics) -> Real:
 def workspace(low_rad: Real, high_rad: Real, count: int) -> Real:
     """Postures spread over ranges of the joints; shape (count, n).
 
-    Args:
-        low_rad: Least angles; shape (n,). An angle that is to stay has equal ends.
-        high_rad: Largest angles; shape (n,); a full turn for a joint without end.
-        count: Number of postures.
+    Shapes (n,); an angle that is to stay has equal ends, a joint without end a full turn.
     """
     low = np.where(np.isfinite(low_rad), low_rad, -math.pi)
     high = np.where(np.isfinite(high_rad), high_rad, math.pi)

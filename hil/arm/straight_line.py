@@ -34,7 +34,6 @@ class LineError(ValueError):
     Attributes:
         fraction: Its end, as a fraction of the line.
         at_m: The same in m from its start.
-        why: Reason in words.
     """
 
     def __init__(self, fraction: float, length_m: float, why: str) -> None:
@@ -79,7 +78,6 @@ class StraightLine:
         move: The speed along the line.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
-        names: Names of the joints in messages.
     """
 
     arm: Kinematics
@@ -205,9 +203,7 @@ class StraightLine:
     def check_limits(self, limits: Sequence[JointLimits], period_s: float) -> None:
         """Refuse a line on which a joint leaves its limits.
 
-        Args:
-            limits: Limits of the joints, from the base on.
-            period_s: Time between the checked instants.
+        Limits are from the base on; instants are checked every `period_s`.
 
         Raises:
             LineError: A joint does, or the arm cannot follow the line.

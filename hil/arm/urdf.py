@@ -74,12 +74,8 @@ class _File:
 def with_links(arm: ArmTable, folder: Path, joints: Mapping[str, int]) -> tuple[ArmTable, Mapping[int, float]]:
     """Return an arm with links and reduction ratios of its URDF file.
 
-    An arm with links of its own is returned unchanged.
-
-    Args:
-        arm: The table of the robot or bench file.
-        folder: Folder from which the path of the URDF file counts.
-        joints: Number of the axis that moves each turning joint, by the joint's name.
+    An arm with links of its own is returned unchanged. The path of the URDF file counts from `folder`. `joints` has the number
+    of the axis that moves each turning joint, by its name.
 
     Raises:
         FileError: The file describes no arm of these axes; with the element.
@@ -116,10 +112,8 @@ def turning_joints(path: Path) -> tuple[str, ...]:
 def read_urdf(path: Path, joints: Mapping[str, int], tip_link: str | None = None) -> UrdfChain:
     """The arm of a URDF file of at most 4 MiB.
 
-    Args:
-        path: The file.
-        joints: Number of the axis that moves each turning joint, by the joint's name.
-        tip_link: Link whose frame is that of the tip; None: the only one at the end of the arm.
+    `joints` has the number of the axis that moves each turning joint, by its name; `tip_link` is by default the only one at the
+    end of the arm.
 
     Raises:
         FileError: The file describes no arm of these axes; with line and name of the element.

@@ -205,8 +205,7 @@ class AxisTable(Table):
     def gains(self, purpose: str) -> Control:
         """The gains of the loop.
 
-        Args:
-            purpose: Use of the gains, as the subject of the error's sentence.
+        Their purpose is the subject of the error's sentence.
 
         Raises:
             NotPossibleError: They are as found in the drive, and so not known.
@@ -223,8 +222,7 @@ class AxisTable(Table):
     def felt_lever_m(self, purpose: str) -> float:
         """Lever by which the axis moves the accelerometer.
 
-        Args:
-            purpose: Use of the accelerometer, as the subject of the error's sentence.
+        The purpose of the accelerometer is the subject of the error's sentence.
 
         Raises:
             NotPossibleError: It is too short for a measurement.

@@ -51,12 +51,8 @@ def watched_axes(bench: Bench, moved: Collection[int]) -> tuple[int, ...]:
 def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NO_ANGLES) -> Recording:
     """Check a recording's load encoders against the motors.
 
-    Return it; without a sensor, with the tip from the encoders.
-
-    Args:
-        bench: The bench file.
-        recording: The run, as it was received.
-        standing_rad: Motor angles of axes that did not move; those that are not given are at home.
+    Return it; without a sensor, with the tip from the encoders. `standing_rad` has the motor angles of axes that did not move;
+    those that are not given are at home.
 
     Raises:
         NotPossibleError: An encoder counts the wrong way, or has another scale than in the bench file.
@@ -173,14 +169,9 @@ def tip_of_joints(
 ) -> Real:
     """Compute the tip's acceleration from the joints' encoders.
 
-    Along x, y and z in m/s²; shape (n, 3). On an arm, the links have the tip from all joints. Without one, an axis that
-    moves alone moves it by its lever, and several axes move it as the planar chain of the geometry.
-
-    Args:
-        bench: The bench file.
-        recording: The run.
-        angles: Angles of the encoders by axis, without gaps; each of shape (n,).
-        standing_rad: Motor angles of axes that did not move, on a bench with an arm.
+    Along x, y and z in m/s²; shape (n, 3). On an arm, the links have the tip from all joints. Without one, an axis that moves
+    alone moves it by its lever, and several axes move it as the planar chain of the geometry. Angles of the encoders have no
+    gaps; each of shape (n,). `standing_rad` has the motor angles of axes that did not move, on a bench with an arm.
     """
     axes, period_s = recording.axes, recording.period_s
     tip = np.zeros((len(recording.time_s), 3))

@@ -357,13 +357,8 @@ def update_file(
 ) -> Identified:
     """Put one part into a model file; a missing file is created.
 
-    Args:
-        path: The file.
-        robot: Name of the bench on which the part was identified.
-        number: Number of the axis.
-        part: Plant or transmission error of the axis.
-        posture: Modes of the arm that the axis has measured in a posture.
-        keeps_known: Keep the file's own part if it has one.
+    `posture` has the modes of the arm that the axis has measured in a posture; `keeps_known` keeps the file's own part if it
+    has one.
 
     Raises:
         FileError: The file is not a model file, or cannot be written.

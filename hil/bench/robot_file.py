@@ -36,9 +36,7 @@ class RobotFile(Table):
     def check_robot(self, name: str, what: str = "") -> None:
         """Refuse the file of another robot than the bench of this name.
 
-        Args:
-            name: Name of the bench.
-            what: Name of the file; empty for its kind.
+        The message names the file by `what`, or by its kind.
 
         Raises:
             NotPossibleError: The file belongs to another robot.
@@ -62,9 +60,7 @@ class RobotFile(Table):
     def check_file(cls, path: Path, robot: str) -> None:
         """Check that a file can take a result, before anything is searched or moves for it.
 
-        Args:
-            path: The file; it may be missing, its folder may not.
-            robot: Name of the bench.
+        The file may be missing, its folder may not.
 
         Raises:
             FileError: The file is not of this kind, or cannot be written.

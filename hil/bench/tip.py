@@ -39,10 +39,7 @@ def sensor_frame(bench: Bench, arm: Kinematics) -> LinkFrame:
 def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NO_ANGLES) -> Real:
     """Angles of all joints of the bench's arm; shape (n, joints).
 
-    Args:
-        bench: The bench file.
-        recording: Recording of the axes that moved.
-        standing_rad: Motor angles of others; an axis that is in neither is at home.
+    `standing_rad` has the motor angles of axes that were not recorded; an axis that is in neither is at home.
 
     Raises:
         ValueError: The bench has no arm.
@@ -60,14 +57,10 @@ def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, 
 def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NO_ANGLES) -> Recording:
     """Return a recording with the tip's acceleration in the base frame.
 
-    The kinematics of the bench's arm gives it. The signals of a mounted sensor along its own axes are kept in columns of
-    their own. If one axis moves alone, a further column has the acceleration along its lever, in proportion to the lever at
-    home: it is valid with the bench's lever, wherever the other axes are.
-
-    Args:
-        bench: The bench file.
-        recording: The run, as the sensor gave it.
-        standing_rad: Motor angles of axes that did not move; those that are not given are at home.
+    The kinematics of the bench's arm gives it. The signals of a mounted sensor along its own axes are kept in columns of their
+    own. If one axis moves alone, a further column has the acceleration along its lever, in proportion to the lever at home: it
+    is valid with the bench's lever, wherever the other axes are. `standing_rad` has the motor angles of axes that did not move;
+    those that are not given are at home.
     """
     if bench.arm is None or not len(recording.time_s):
         return recording

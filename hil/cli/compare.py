@@ -16,12 +16,11 @@ from drive_profiles.cli.completion import complete_list, complete_reference
 from drive_profiles.cli.console import fail, terminal_width
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
-from hil.cli.live import LiveCommand, LiveOption, shown_live
+from hil.cli.live import LiveCommand, MotionOptions, shown_live
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
     from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
-    from hil.experiments.comparison.run import ComparisonOutcome
     from hil.experiments.treatment import Knowledge
 
 COMPARE_EPILOG = console.epilog_of_runs({
@@ -58,6 +57,7 @@ def compare(
             "--bench", help="Bench file (TOML), or `reference`; repeatable, for more robots.", autocompletion=complete_reference
         ),
     ],
+    given: MotionOptions,
     experiment: ExperimentListOption = None,
     axis: AxisListOption = None,
     treatment: options.TreatmentListOption = None,
@@ -75,12 +75,6 @@ def compare(
     repeat: Annotated[
         int, typer.Option(min=1, max=100, help="Number of runs of each motion; their mean is judged, with less sensor noise.")
     ] = 1,
-    out: options.NewOutOption = None,
-    force: options.ForceOption = False,
-    overload: options.OverloadOption = False,
-    live: LiveOption = None,
-    yes: options.YesOption = False,
-    as_json: options.JsonOption = False,
 ) -> None:
     """Compare treatments of the transmission error in one table.
 
@@ -92,9 +86,9 @@ def compare(
         from hil.bench.bench import load_bench
 
         _check_buses(bench_file, bus, emulate or [])
-        if live is not None and len(bench_file) > 1:
+        if given.live is not None and len(bench_file) > 1:
             raise fail("--live shows one robot; give one --bench", ExitStatus.USAGE)
-        where = console.result_directory(out, "compare", force=force)
+        where = console.result_directory(given.out, "compare", force=given.force)
         benches = [load_bench(name) if emulate else console.bench_on(name, bus) for name in bench_file]
 
         from hil.experiments.comparison.plan import KnownRobot, plan
@@ -104,11 +98,11 @@ def compare(
         with ExitStack() as emulators:
             benches = _emulated(benches, emulate or [], emulators)
             robots = [KnownRobot(bench, knowledge[bench.name], name) for bench, name in zip(benches, bench_file, strict=True)]
-            plans = [plan(each, request, overload=overload) for each in robots]
-            if not yes:
+            plans = [plan(each, request, overload=given.overload) for each in robots]
+            if not given.yes:
                 _confirm(plans)
-            with shown_live(live, benches[0].bus.address, bench_file[0]):
-                _run(plans, request, where, repeat, overload=overload, as_json=as_json)
+            with shown_live(given.live, benches[0].bus.address, bench_file[0]):
+                _run(plans, request, where, repeat, given)
 
 
 def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> "ComparisonRequest":
@@ -203,9 +197,7 @@ def _confirm(plans: list["ComparisonPlan"]) -> None:
     console.confirm(console.motion_lines(motions.values()))
 
 
-def _run(
-    plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path, repeat: int, *, overload: bool, as_json: bool
-) -> None:
+def _run(plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path, repeat: int, given: MotionOptions) -> None:
     """Run, write the report, print the table, exit with the status."""
     from hil.experiments.comparison.run import compare as run_all
     from hil.experiments.comparison.table import summary
@@ -217,20 +209,9 @@ def _run(
             console.say(f"{each.robot.bench.name}: {remark}")
     total = sum(len(each.experiments) for each in plans)
     with console.RunProgress(total, is_live=all(console.is_on_local_bus(each.robot.bench) for each in plans)) as progress:
-        done = run_all(
-            plans,
-            request,
-            out,
-            overload=overload,
-            repeat=repeat,
-            reporter=progress,
-        )
-    console.tell_result(done.result, out, lambda: console.echo_lines(summary(done.result, terminal_width())), as_json=as_json)
-    _leave(done)
-
-
-def _leave(done: "ComparisonOutcome") -> None:
-    """Exit with the status, and print the reason."""
+        done = run_all(plans, request, out, overload=given.overload, repeat=repeat, reporter=progress)
+    lines = summary(done.result, terminal_width())
+    console.tell_result(done.result, out, lambda: console.echo_lines(lines), as_json=given.as_json)
     console.say_not_restored(done.not_restored)
     if done.failure is not None:
         raise console.exit_with(done.failure)

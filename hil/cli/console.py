@@ -257,19 +257,29 @@ class RunProgress(SpokenReporter):
 
     It prints on standard error, so that standard output has only results. Without `is_live` it has no thread, which would
     take the interpreter from a run in real time.
+
+    Attributes:
+        is_live: True if there is a bar.
     """
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:
         from rich.console import Console  # noqa: PLC0415
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+        from rich.progress import (  # noqa: PLC0415
+            BarColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
         from rich.table import Column  # noqa: PLC0415
 
         self._console = Console(stderr=True)
-        self._is_live = is_live and self._console.is_terminal
-        title = Column(overflow="fold", max_width=max(20, self._console.width - 36))  # the time is never cut
+        self.is_live = is_live and self._console.is_terminal
+        title = Column(overflow="fold", max_width=max(20, self._console.width - 44))  # the time is never cut
         self._bar = Progress(
             TextColumn("{task.description}", table_column=title), BarColumn(bar_width=16),
-            TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), console=self._console, disable=not self._is_live,
+            TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TimeRemainingColumn(), console=self._console,
+            disable=not self.is_live,
         )  # fmt: skip
         self._task: Any = None
         self._total, self._count = total, 0
@@ -285,7 +295,7 @@ class RunProgress(SpokenReporter):
         """Show that a run begins."""
         self._count += 1
         label = f"[{self._count}/{self._total}] {title}"
-        if self._is_live:
+        if self.is_live:
             self._task = self._bar.add_task(label.replace("[", r"\["), total=1.0)
         else:
             say(label)

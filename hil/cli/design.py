@@ -5,8 +5,7 @@ It needs no robot.
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,14 +15,20 @@ import typer
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import fail, table
 from drive_profiles.processors import usable_processors
-from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, exit_with, result_directory, say
+from hil.cli.console import (
+    ExitStatus,
+    RunProgress,
+    epilog_without_motion,
+    exit_on_error,
+    exit_with,
+    result_directory,
+    say,
+)
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
-from hil.reporter import Reporter
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
     from hil.experiments.notch_design import NotchDesignOutcome
-    from hil.experiments.notch_problem import NotchDesignRequest
 
 DESIGN_EPILOG = epilog_without_motion({
     ExitStatus.DONE: "a filter meets every requirement",
@@ -108,8 +113,10 @@ def notch(
         where = result_directory(out, f"design-axis{axis}", force=force)
 
         from hil.bench.design import Designs
+        from hil.bench.model import load_identified
         from hil.design.notch_problem import Requirements
         from hil.design.notch_search import Effort
+        from hil.experiments.notch_design import design
         from hil.experiments.notch_problem import NotchDesignRequest
 
         _check_set_file(bench, axis, set_file)
@@ -129,7 +136,11 @@ def notch(
                 jobs=jobs if jobs is not None else 0 if quick else usable_processors(),
                 is_given=given,
             )
-            outcome = _design(bench, request, model)
+            identified = None if model is None else load_identified(model)
+            with RunProgress(1) as progress:
+                if progress.is_live:  # elsewhere a design has nothing to say before its result
+                    progress.run(f"axis {axis}")
+                outcome = design(bench, request, identified, progress)
         except ValueError as error:
             raise fail(str(error), ExitStatus.USAGE) from None
         _keep(outcome, where, set_file, design_file, as_json=as_json)
@@ -167,39 +178,6 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
     check_drive(bench, axis)
     if path.exists():
         raise NotPossibleError(f"{path} already exists and is not replaced; choose another name")
-
-
-def _design(bench: "Bench", request: "NotchDesignRequest", model: Path | None) -> "NotchDesignOutcome":
-    from hil.bench.model import load_identified
-    from hil.experiments.notch_design import design
-
-    identified = None if model is None else load_identified(model)
-    with _bar(f"axis {request.axis}") as progress:
-        return design(bench, request, identified, progress)
-
-
-class _Bar(Reporter):
-    """Reporter that moves a bar."""
-
-    def __init__(self, move: Callable[[float], None]) -> None:
-        self._move = move
-
-    def progress(self, fraction: float) -> None:
-        self._move(fraction)
-
-
-@contextmanager
-def _bar(label: str) -> Iterator[Reporter]:
-    """Show a bar on standard error, if that is a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
-               TimeRemainingColumn())  # fmt: skip
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task(label, total=1.0)
-        yield _Bar(lambda fraction: bar.update(task, completed=fraction))
 
 
 def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, design_file: Path | None, *, as_json: bool) -> None:

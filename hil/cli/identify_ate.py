@@ -11,7 +11,7 @@ from drive_profiles.standard.shown import measured
 from hil.cli import console, options
 from hil.cli import identify_recording as recorded
 from hil.cli.console import ExitStatus
-from hil.cli.live import LiveCommand, LiveOption, shown_live
+from hil.cli.live import LiveCommand, MotionOptions, shown_live
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -25,44 +25,36 @@ ATE_EPILOG = console.epilog_of_runs({
     ExitStatus.NOT_MET: "not identified, or with larger standard errors than requested",
 })  # fmt: skip
 
-ReadModelOption = Annotated[
-    Path | None,
-    typer.Option("--model", help="Model file: read if it exists, and written. Default: model.toml in the directory."),
-]
-FirstRampOption = Annotated[
-    float | None,
-    typer.Option(help="Acceleration of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
-]
-SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="Use motor torque and encoder only; needs J_m and J_l.")]
-EncoderOption = Annotated[
-    bool, typer.Option("--encoder", help="Use the axis' second encoder, on the joint, instead of the accelerometer.")
-]
-
 
 @command(cls=LiveCommand, epilog=ATE_EPILOG)
 def ate(
     axis: options.MovedAxisOption,
+    words: recorded.RecordingOptions,
+    given: MotionOptions,
     bench_file: options.OptionalBenchOption = None,
     bus: options.BusOption = None,
-    model: ReadModelOption = None,
-    acceleration_rps_s: FirstRampOption = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="Model file: read if it exists, and written. Default: model.toml in the directory."),
+    ] = None,
+    acceleration_rps_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Acceleration of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."
+        ),
+    ] = None,
     passes: Annotated[int, typer.Option(help="Largest number of passes, each forwards and back.")] = 6,
-    sensorless: SensorlessOption = False,
-    encoder: EncoderOption = False,
+    sensorless: Annotated[
+        bool, typer.Option("--sensorless", help="Use motor torque and encoder only; needs J_m and J_l.")
+    ] = False,
+    encoder: Annotated[
+        bool, typer.Option("--encoder", help="Use the axis' second encoder, on the joint, instead of the accelerometer.")
+    ] = False,
     orders: options.OrdersOption = "1,2,4",
-    recording: recorded.RecordingOption = None,
-    column: recorded.ColumnOption = None,
-    layout: recorded.LayoutOption = None,
-    ratio: recorded.RatioOption = None,
-    robot: recorded.RobotNameOption = None,
-    description: recorded.DescriptionOption = None,
-    node: recorded.NodeOption = None,
-    out: options.NewOutOption = None,
-    force: options.ForceOption = False,
-    overload: options.OverloadOption = False,
-    live: LiveOption = None,
-    yes: options.YesOption = False,
-    as_json: options.JsonOption = False,
+    recording: Annotated[
+        list[Path] | None,
+        typer.Option("--recording", metavar="FILE", help="Recording to identify from, repeatable; nothing moves."),
+    ] = None,
 ) -> None:
     """Identify the angular transmission error of one axis from ramps.
 
@@ -71,15 +63,11 @@ def ate(
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
-    words = recorded.RecordingWords(column or [], layout, ratio, robot, description, node)
     with console.exit_on_error():
         if recording:
-            where = console.result_directory(out, f"identify-ate-axis{axis}", force=force)
             if encoder:
                 raise typer.BadParameter("with --recording, the columns name the encoders; leave it out", param_hint="--encoder")
-            recorded.from_recordings(
-                recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json
-            )
+            recorded.from_recordings(recording, words, axis, orders, bench_file, model, given, sensorless=sensorless)
             return
         words.refuse_without_recording()
         if bench_file is None:
@@ -100,15 +88,15 @@ def ate(
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=options.orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         ramp = first_ramp(bench, request, knowledge)
-        where = console.result_directory(out, f"identify-ate-axis{axis}", force=force)
-        console.confirm_motion(bench, [_motion_line(bench, request, ramp)], yes=yes)
-        with shown_live(live, bench.bus.address, bench_file):
-            outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=console.SpokenReporter())
+        where = console.result_directory(given.out, f"identify-ate-axis{axis}", force=given.force)
+        console.confirm_motion(bench, [_motion_line(bench, request, ramp)], yes=given.yes)
+        with shown_live(given.live, bench.bus.address, bench_file):
+            outcome = identify_ate(bench, request, where, identified, overload=given.overload, reporter=console.SpokenReporter())
         file = model or where / "model.toml"
         if outcome.part is not None:
             update_file(file, bench.name, axis, outcome.part)
         written = None if outcome.part is None else file
-        console.tell_measurement(outcome, where, lambda: _summary(outcome), written, as_json=as_json)
+        console.tell_measurement(outcome, where, lambda: _summary(outcome), written, as_json=given.as_json)
         if not outcome.result.is_within_goal:
             raise typer.Exit(ExitStatus.NOT_MET)
 

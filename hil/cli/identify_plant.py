@@ -12,7 +12,7 @@ from drive_profiles.cli.console import fail
 from drive_profiles.standard.shown import measured
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
-from hil.cli.live import LiveCommand, LiveOption, shown_live
+from hil.cli.live import LiveCommand, MotionOptions, shown_live
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -44,6 +44,7 @@ class PlantShape(StrEnum):
 def plant(
     bench_file: options.BenchOption,
     axis: options.MovedAxisOption,
+    given: MotionOptions,
     bus: options.BusOption = None,
     model: Annotated[
         Path | None, typer.Option("--model", help="Model file for the plant. Default: model.toml in the directory.")
@@ -71,12 +72,6 @@ def plant(
         str | None,
         typer.Option(help="Joint angles of the arm, as 2=30,3=-90: it moves there first, joint by joint, and back."),
     ] = None,
-    out: options.NewOutOption = None,
-    force: options.ForceOption = False,
-    overload: options.OverloadOption = False,
-    live: LiveOption = None,
-    yes: options.YesOption = False,
-    as_json: options.JsonOption = False,
 ) -> None:
     """Identify the plant of one axis, with standard errors.
 
@@ -98,13 +93,15 @@ def plant(
         axis_table(bench, axis)
         if model is not None:
             Identified.check_file(model, bench.name)
-        where = console.result_directory(out, f"identify-plant-axis{axis}", force=force)
+        where = console.result_directory(given.out, f"identify-plant-axis{axis}", force=given.force)
         file = model or where / "model.toml"
-        console.confirm_motion(bench, _motion_lines(bench, request), yes=yes)
-        with shown_live(live, bench.bus.address, bench_file):
-            outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=console.SpokenReporter())
+        console.confirm_motion(bench, _motion_lines(bench, request), yes=given.yes)
+        with shown_live(given.live, bench.bus.address, bench_file):
+            outcome = run_identify_plant(
+                bench, request, where, model=file, overload=given.overload, reporter=console.SpokenReporter()
+            )
             written = None if outcome.result.model_file is None else file
-            console.tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=as_json)
+            console.tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=given.as_json)
 
 
 def _posture(text: str | None) -> dict[int, float]:

@@ -8,46 +8,40 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.standard.shown import measured
-from hil.cli.console import ExitStatus, say, tell_result
+from hil.cli.console import ExitStatus, result_directory, say, tell_result
+from hil.cli.live import MotionOptions
 from hil.cli.options import orders_from
+from hil.counting import counted
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.results.recorded_ate import RecordedAteResult
 
-RecordingOption = Annotated[
-    list[Path] | None,
-    typer.Option("--recording", metavar="FILE", help="Recording to identify from, repeatable; nothing moves."),
-]
-ColumnOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--column",
-        metavar="ROLE=NAME[,UNIT]",
-        help="Column of a recording; roles: time, motor, load, acceleration, torque; e.g. motor=enc_2,2^20/rev; repeatable.",
-    ),
-]
-LayoutOption = Annotated[Path | None, typer.Option("--layout", help="Columns, units and ratio of recordings (TOML).")]
-RatioOption = Annotated[
-    float | None, typer.Option("--ratio", help="Reduction ratio of the recorded axis; not needed if both encoders are recorded.")
-]
-DescriptionOption = Annotated[
-    Path | None,
-    typer.Option("--description", help="EDS, DCF, XDD or DBC file that decodes a recording of frames (candump, BLF)."),
-]
-NodeOption = Annotated[int | None, typer.Option("--node", help="Node-ID of the drive in a recording of frames.", min=1, max=127)]
-RobotNameOption = Annotated[str | None, typer.Option("--robot", help="Name of a recorded robot, for its model file.")]
 
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions:
+    """Options on recordings."""
 
-@dataclass(frozen=True)
-class RecordingWords:
-    """Options of the command line on recordings."""
-
-    column: list[str]
-    layout: Path | None
-    ratio: float | None
-    robot: str | None
-    description: Path | None
-    node_id: int | None
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column",
+            metavar="ROLE=NAME[,UNIT]",
+            help="Column of a recording; roles: time, motor, load, acceleration, torque; e.g. motor=enc_2,2^20/rev; repeatable.",
+        ),
+    ] = None
+    layout: Annotated[Path | None, typer.Option("--layout", help="Columns, units and ratio of recordings (TOML).")] = None
+    ratio: Annotated[
+        float | None,
+        typer.Option("--ratio", help="Reduction ratio of the recorded axis; not needed if both encoders are recorded."),
+    ] = None
+    robot: Annotated[str | None, typer.Option("--robot", help="Name of a recorded robot, for its model file.")] = None
+    description: Annotated[
+        Path | None,
+        typer.Option("--description", help="EDS, DCF, XDD or DBC file that decodes a recording of frames (candump, BLF)."),
+    ] = None
+    node: Annotated[int | None, typer.Option("--node", help="Node-ID of the drive in a recording of frames.", min=1, max=127)] = (
+        None
+    )
 
     def refuse_without_recording(self) -> None:
         """Refuse options that need a recording.
@@ -55,24 +49,21 @@ class RecordingWords:
         Raises:
             typer.BadParameter: One was given.
         """
-        given = {"--column": self.column, "--layout": self.layout, "--ratio": self.ratio, "--robot": self.robot,
-            "--description": self.description, "--node": self.node_id}  # fmt: skip
-        for name, value in given.items():
+        for name, value in vars(self).items():
             if value:
-                raise typer.BadParameter("it needs --recording; give both, or leave it out", param_hint=name)
+                raise typer.BadParameter("it needs --recording; give both, or leave it out", param_hint=f"--{name}")
 
 
 def from_recordings(
     files: list[Path],
-    words: RecordingWords,
+    words: RecordingOptions,
     axis: int,
     orders: str,
     bench_file: str | None,
     model: Path | None,
-    where: Path,
+    given: MotionOptions,
     *,
     sensorless: bool,
-    as_json: bool,
 ) -> None:
     """Identify from recordings; write the model file and the report.
 
@@ -89,19 +80,20 @@ def from_recordings(
 
     try:
         file = None if words.layout is None else load_layout(words.layout, axis)
-        said = said_with(words.column, words.ratio, words.robot, file)
-        said = dataclasses.replace(said, description=words.description, node_id=words.node_id)
+        said = said_with(words.column or [], words.ratio, words.robot, file)
+        said = dataclasses.replace(said, description=words.description, node_id=words.node)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--column") from None
     request = RecordedRequest(tuple(files), axis, said, orders_from(orders), sensorless)
     bench = None if bench_file is None else load_bench(bench_file)
     identified = load_identified(model) if model is not None and model.exists() else None
+    where = result_directory(given.out, f"identify-ate-axis{axis}", force=given.force)
     result = identify_recorded(request, where, bench, identified)
     file_of_model = model or where / "model.toml"
     if result.ate is not None and result.is_identified:
         update_file(file_of_model, result.robot, axis, result.ate)
     written = file_of_model if result.is_identified else None
-    tell_result(result, where, lambda: _summary(result), written, as_json=as_json)
+    tell_result(result, where, lambda: _summary(result), written, as_json=given.as_json)
     if not result.is_identified:
         say("no order exceeds its noise: no model file is written")
         raise typer.Exit(ExitStatus.NOT_MET)
@@ -114,8 +106,7 @@ def _summary(result: "RecordedAteResult") -> None:
     turns, stretches = sum(each.turns for each in result.stretches), len(result.stretches)
     typer.echo(
         f"axis {result.axis}, {result.form}, N = {result.reduction_ratio:g}: "
-        f"{stretches} {'stretch' if stretches == 1 else 'stretches'}, "
-        f"{turns:.1f} motor revolutions"
+        f"{counted(stretches, 'stretch', 'stretches')}, {turns:.1f} motor revolutions"
     )
     if result.scan is not None:
         peaks = ", ".join(f"{peak.order:.2f}" for peak in result.scan.peaks) or "none"

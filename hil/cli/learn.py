@@ -11,7 +11,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
-from hil.cli.live import LiveCommand, LiveOption, shown_live
+from hil.cli.live import LiveCommand, MotionOptions, shown_live
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -48,6 +48,7 @@ class LearnedMotion(StrEnum):
 def learn(
     bench_file: options.BenchOption,
     model: Annotated[Path, typer.Option("--model", help="Model file: read if it exists, for the motor's inertia, and written.")],
+    given: MotionOptions,
     axis: Annotated[
         list[int] | None,
         typer.Option("--axis", help="Axis that moves; repeatable, one after the other.", autocompletion=options.AXES.one),
@@ -82,12 +83,6 @@ def learn(
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Acceleration of every ramp.")] = 4.0,
     orders: options.OrdersOption = "1,2,4",
     note: Annotated[str, typer.Option(help="Conditions such as load and temperature, for the model file.")] = "",
-    out: options.NewOutOption = None,
-    force: options.ForceOption = False,
-    overload: options.OverloadOption = False,
-    live: LiveOption = None,
-    yes: options.YesOption = False,
-    as_json: options.JsonOption = False,
 ) -> None:
     """Learn a cancellation of the transmission error, pass by pass.
 
@@ -104,17 +99,18 @@ def learn(
 
         Identified.check_file(model, bench.name)
         name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
-        where = console.result_directory(out, f"learn-{name}", force=force)
+        where = console.result_directory(given.out, f"learn-{name}", force=given.force)
         inertias, ks = options.inertias_from(motor_inertia_kg_m2 or [], axes), options.orders_from(orders)
         outcome: MeasurementOutcome[Any]
-        with shown_live(live, bench.bus.address, bench_file):
+        reporter = console.SpokenReporter()
+        with shown_live(given.live, bench.bus.address, bench_file):
             if motion is None:
                 from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary  # noqa: PLC0415
 
                 ramps = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
-                console.confirm_motion(bench, _motion_lines(bench, ramps), yes=yes)
+                console.confirm_motion(bench, _motion_lines(bench, ramps), yes=given.yes)
                 outcome = by_ramps = learn_on_bus(
-                    bench, ramps, where, model, plant=plant, overload=overload, reporter=console.SpokenReporter()
+                    bench, ramps, where, model, plant=plant, overload=given.overload, reporter=reporter
                 )
                 lines = summary(by_ramps)
             else:
@@ -125,13 +121,13 @@ def learn(
                 )
 
                 probes = MotionLearnRequest(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
-                console.confirm_motion(bench, _probing_lines(bench, probes), yes=yes)
+                console.confirm_motion(bench, _probing_lines(bench, probes), yes=given.yes)
                 outcome = by_probes = learn_motion_on_bus(
-                    bench, probes, where, model, plant=plant, overload=overload, reporter=console.SpokenReporter()
+                    bench, probes, where, model, plant=plant, overload=given.overload, reporter=reporter
                 )
                 lines = motion_summary(by_probes)
             written = model if outcome.result.learnt else None
-            console.tell_measurement(outcome, where, lambda: console.echo_lines(lines), written, as_json=as_json)
+            console.tell_measurement(outcome, where, lambda: console.echo_lines(lines), written, as_json=given.as_json)
 
 
 def _check(axes: tuple[int, ...], motion: LearnedMotion | None, pace: float | None) -> None:

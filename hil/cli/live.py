@@ -2,11 +2,13 @@
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 
 from drive_profiles.cli.application import ToolCommand
+from hil.cli import options
 from hil.cli.console import say
 
 DEFAULT_PORT = 8765
@@ -19,6 +21,18 @@ LiveOption = Annotated[
         help=f"Show it live in a browser: a page on 127.0.0.1:PORT ({DEFAULT_PORT}; 0 takes a free port).",
     ),
 ]  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions:
+    """Options at the end of commands that measure by moving a robot."""
+
+    out: options.NewOutOption = None
+    force: options.ForceOption = False
+    overload: options.OverloadOption = False
+    live: LiveOption = None
+    yes: options.YesOption = False
+    as_json: options.JsonOption = False
 
 
 class LiveCommand(ToolCommand):

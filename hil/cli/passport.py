@@ -15,7 +15,7 @@ from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, sa
 from hil.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from hil.passport.watch import OrderOrigin, Trend
+    from hil.passport.watch import Trend
 
 PASSPORT_EPILOG = epilog_without_motion({
     ExitStatus.DONE: "no gear has changed",
@@ -57,9 +57,9 @@ def passport(
         from hil.passport.watch import origins, trends
         from hil.report.pages.passport import write_passport
 
-        for each in directory:
-            if not each.is_dir():
-                say(f"{each}: there is no such folder")
+        for folder in directory:
+            if not folder.is_dir():
+                say(f"{folder}: there is no such folder")
                 raise typer.Exit(ExitStatus.FILE)
         where, begin = file or directory[0] / PASSPORT_FILE, _date(since)
         poles, teeth = _counts(pole_pairs or [], "--pole-pairs"), _counts(slots or [], "--slots")
@@ -79,20 +79,15 @@ def passport(
         else:
             _table(found)
         say_page(page)
-        _say_motors(found, told)
+        shown = {(trend.robot, trend.axis, trend.order) for trend in found}
+        for each in told:  # no model file has these orders, since they are the motor's
+            if (each.robot, each.axis, each.order) not in shown:
+                say(f"{each.robot}, axis {each.axis}: order {each.order:g} comes from the motor, not the gear: {each.why}")
         alarmed = [trend for trend in found if trend.is_alarmed]
         for trend in alarmed:
             say(trend.words)
         if alarmed:
             raise typer.Exit(ExitStatus.NOT_MET)
-
-
-def _say_motors(found: "list[Trend]", told: "list[OrderOrigin]") -> None:
-    """Print orders that no model file has, since they are the motor's."""
-    shown = {(trend.robot, trend.axis, trend.order) for trend in found}
-    for each in told:
-        if (each.robot, each.axis, each.order) not in shown:
-            say(f"{each.robot}, axis {each.axis}: order {each.order:g} comes from the motor, not the gear: {each.why}")
 
 
 def _date(text: str | None) -> str:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import fail, print_json, table
+from drive_profiles.cli.console import fail, finite, print_json, table
 from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
 from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
-    from hil.plan.advice import Advice, Adviser
+    from hil.plan.advice import Adviser
     from hil.plan.check import AxisStability, PlanVerdict
     from hil.plan.wire import WireTiming
 
@@ -98,7 +98,11 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     table(f"The cycle every {period}, worst case", _HEADINGS, [_rate(verdict, wire) for wire in _wires(verdict)])
     table(f"Per second at {at}", ("what", "frames/s", "worst bits/s", "load %"), _second_rows(verdict, adviser.wire))
     header = ("frame", "id", "with heartbeats", "with SDO, EMCY", "deadline", "met")
-    table(f"Latest arrival at {at}, µs from SYNC, or from its queueing", header, _response_rows(verdict, adviser.wire))
+    table(f"Latest arrival at {at}, µs from SYNC, or from its queueing", header, [
+        (one.name, f"{one.can_id:03X}h", _microseconds(one.quiet_ns), _microseconds(one.busy_ns), _microseconds(one.deadline_ns),
+         "yes" if one.is_met else "no")
+        for one in verdict.cycle.responses(adviser.wire)
+    ])  # fmt: skip
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
     if verdict.gaps:
         table("Missing entries, and limits that are exceeded", ("what",), [(gap,) for gap in verdict.gaps])
@@ -106,7 +110,11 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
         table("Restrictions of the drives", ("what",), [(words,) for words in verdict.remarks])
     if adviser.advice:
         columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
-        table(f"Remedies, at {at}", columns, [_advice_row(one) for one in adviser.advice])
+        table(f"Remedies, at {at}", columns, [
+            (one.title, f"{one.nominal_us:.0f}", f"{one.worst_us:.0f}", f"{1e6 * one.shortest_period_s:.0f}",
+             f"{1e3 * one.period_s:g}", "yes" if one.fits else "no", one.level, one.needs)
+            for one in adviser.advice
+        ])  # fmt: skip
     longest = adviser.longest_stable_period_s if adviser.loop == "host" else None
     if longest is not None:
         typer.echo(
@@ -173,14 +181,6 @@ def _second_rows(verdict: "PlanVerdict", wire: "WireTiming") -> list[tuple[str, 
     ]
 
 
-def _response_rows(verdict: "PlanVerdict", wire: "WireTiming") -> list[tuple[str, ...]]:
-    return [
-        (one.name, f"{one.can_id:03X}h", _microseconds(one.quiet_ns), _microseconds(one.busy_ns), _microseconds(one.deadline_ns),
-         "yes" if one.is_met else "no")
-        for one in verdict.cycle.responses(wire)
-    ]  # fmt: skip
-
-
 def _stability_row(axis: "AxisStability") -> tuple[str, ...]:
     verdict = f"{axis.level}: {axis.reason}" if axis.reason else axis.level
     period = "-" if axis.period_s is None else f"{1e3 * axis.period_s:g}"
@@ -189,13 +189,6 @@ def _stability_row(axis: "AxisStability") -> tuple[str, ...]:
     radius = "-" if math.isnan(axis.pole_radius) else f"{axis.pole_radius:.5f}"
     speed = f"{axis.speed_rps:g}" if axis.speed_rps else "no notch"
     return (str(axis.axis), period, str(axis.delay_samples), "-" if axis.reason else speed, *shown, radius, verdict)
-
-
-def _advice_row(one: "Advice") -> tuple[str, ...]:
-    fits = "yes" if one.fits else "no"
-    shortest = f"{1e6 * one.shortest_period_s:.0f}"
-    numbers = (f"{one.nominal_us:.0f}", f"{one.worst_us:.0f}", shortest, f"{1e3 * one.period_s:g}")
-    return (one.title, *numbers, fits, one.level, one.needs)
 
 
 def _microseconds(time_ns: int | None) -> str:
@@ -228,14 +221,5 @@ def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Advise
         "gaps": verdict.gaps, "remarks": verdict.remarks, "stability": [asdict(axis) for axis in verdict.stability],
         "advice": [asdict(one) for one in adviser.advice],
     }  # fmt: skip
-    finite: dict[str, Any] = _finite(whole)
-    return finite
-
-
-def _finite(value: Any) -> Any:
-    """Value without NaN and infinity, which JSON does not have."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
-    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value
+    data: dict[str, Any] = finite(whole)
+    return data

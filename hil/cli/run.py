@@ -1,6 +1,7 @@
 """hil run: one experiment on the robot of a bench file."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -190,7 +191,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
         if run.discarded_positions is not None:
             say(f"{run.recording}: {run.discarded_positions} implausible position readings were discarded")
     for timing in {run.recording: run.timing for run in outcome.result.runs if run.timing is not None}.values():
-        for line in timing_lines(timing.model_dump()):
+        for line in timing_lines(asdict(timing)):
             say(line)
     for trial in outcome.trials:
         for part in trial.parts:

@@ -39,7 +39,6 @@ class ArmDrawing:
     """An arm's drawing.
 
     Attributes:
-        path: URDF file.
         folder: Folder of the bench file, from which its path counts.
         joints: Joints of the drives, in ascending order of node-IDs; empty if that is not known.
         tip_link: Link that is the tip; None: the only one at the end.
@@ -206,9 +205,11 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
     if identity.serial_number:
         lines.append(f"serial_number = {identity.serial_number}            # so that no other drive is taken for this one")
     if node.scaling is not None:
-        lines.append(
-            f"# the drive counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
+        at = node.position_rev
+        where = (
+            "the position of its motor is not known" if at is None or not math.isfinite(at) else f"its motor is at {at:.3f} rev"
         )
+        lines.append(f"# the drive counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {where}")
     elif not node.unsaid:
         lines.append(
             f"# {node.doubt or 'the position counts of this node are not known without a profile'}: see docs/drive-needs.md"
@@ -264,11 +265,6 @@ def _control_lines(number: int, node: FoundNode) -> list[str]:
 def _is_as_found(node: FoundNode) -> bool:
     """True if the profile has no gains, which the maker's tool sets."""
     return node.profile is not None and not node.knows_gains
-
-
-def _position_words(node: FoundNode) -> str:
-    at = node.position_rev
-    return "the position of its motor is not known" if at is None or not math.isfinite(at) else f"its motor is at {at:.3f} rev"
 
 
 def _motion_lines() -> list[str]:

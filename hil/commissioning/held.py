@@ -61,7 +61,6 @@ class HeldAxis(Run):
     def __init__(
         self, session: Session, axis: DriveAxis, exchange: CyclicExchange, start_rad: float, standing_rad: Mapping[int, float]
     ) -> None:
-        """Prepare it; nothing is sent."""
         times = sample_times(RECORDED_S, exchange.period_s)
         rest = Motion((axis.number,), times, np.zeros((len(times), 1)), starts_at_home=False)
         super().__init__(rest, [axis], exchange, RunLimits.of(session.bench), session.supervisor, [start_rad])

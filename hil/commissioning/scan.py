@@ -30,7 +30,6 @@ class FoundNode:
     """A node that answers.
 
     Attributes:
-        identity: Identity that it states.
         profiles: Labels of the profiles that fit.
         scaling: Units of a drive; None for other nodes, and if the drive lacks them.
         doubt: Reason why it is not known how it counts, or None.

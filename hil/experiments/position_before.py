@@ -11,9 +11,8 @@ from pathlib import Path
 from drive_profiles.address import parse_address
 from drive_profiles.standard.cia402 import Object
 from hil.bench.bench import Bench
-from hil.errors import NotPossibleError
+from hil.errors import LogError, NotPossibleError
 from hil.experiments.measurement import log_label
-from hil.logs.errors import LogError
 from hil.logs.opening import open_log
 from hil.logs.overheard import OverheardValue, overheard
 from hil.results.base import LOG_FILE

@@ -10,9 +10,8 @@ from typing import Any
 
 from drive_profiles.standard.cia301 import FunctionCode, NmtState
 from drive_profiles.standard.cia402 import Object, commands, state_of
+from hil.errors import ExportError, MissingPackageError
 from hil.export.decoded import Decoded, NamedNumber
-from hil.export.errors import ExportError
-from hil.recordings.errors import MissingPackageError
 
 LONGEST_NAME = 32
 """Characters of a name in a DBC file."""

@@ -127,13 +127,16 @@ class NodeUnits:
         return WireUnit(name)
 
     def _acceleration(self, subindex: int) -> WireUnit:
-        name = AXES_OF_SENSOR[subindex - 1]
-        asked = OverheardQuestions(self._node)
-        unit = asked.number(Need((UNIT_OBJECT, subindex), "unit", ""), is_optional=True)
-        digits = asked.number(Need((DIGITS_OBJECT, subindex), "digits", ""), is_optional=True)
-        if unit != METRE_PER_SECOND_SQUARED or digits is None:
-            return WireUnit(name)
-        return WireUnit(f"{name}_m_s2", 10.0**-digits, "m/s^2")
+        name, step = AXES_OF_SENSOR[subindex - 1], acceleration_step_m_s2(self._node, subindex)
+        return WireUnit(name) if step is None else WireUnit(f"{name}_m_s2", step, "m/s^2")
+
+
+def acceleration_step_m_s2(node: Node, subindex: int) -> float | None:
+    """Return m/s² per step of an accelerometer's axis; None if that is not known."""
+    asked = OverheardQuestions(node)
+    unit = asked.number(Need((UNIT_OBJECT, subindex), "unit", ""), is_optional=True)
+    digits = asked.number(Need((DIGITS_OBJECT, subindex), "digits", ""), is_optional=True)
+    return 10.0**-digits if digits is not None and unit == METRE_PER_SECOND_SQUARED else None
 
 
 def _own_of(table: AxisTable, profile: Profile) -> dict[ObjectAddress, WireUnit]:
@@ -165,7 +168,6 @@ class NamedPdo:
     """A PDO whose mapping is known.
 
     Attributes:
-        pdo: The PDO.
         name: Name: `axis2_tpdo1`.
         prefix: Name of the axis.
         numbers: Its numbers.

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hil.errors import HilError
-from hil.export.errors import ExportError
+from hil.errors import ExportError, HilError
 from hil.export.series import Series, of_recording
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.export.errors import ExportError
+from hil.errors import ExportError, MissingPackageError
 from hil.export.series import TIME, Real, Series, unit_of
-from hil.recordings.errors import MissingPackageError
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 PIECE = 20_000

@@ -70,7 +70,6 @@ class Stream:
     data: Words
 
     def __len__(self) -> int:
-        """Number of frames."""
         return len(self.position)
 
     def only(self, rows: NDArray[np.bool_]) -> "Stream":
@@ -91,7 +90,6 @@ class Log:
     """Frames of a log.
 
     Attributes:
-        path: The file.
         streams: Frames by identifier, with the flags of SocketCAN.
         damage: Parts that could not be read.
         began_s: Stamp of the first frame as in the file, in s.
@@ -105,7 +103,6 @@ class Log:
     duration_ns: int = 0
 
     def __len__(self) -> int:
-        """Number of frames."""
         return sum(map(len, self.streams.values()))
 
     def __contains__(self, can_id: int) -> bool:
@@ -143,7 +140,6 @@ class _Growing:
     """
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self.count = 0
         self._columns: list[NDArray[Any]] = [np.empty(0, kind) for kind in COLUMNS]
 
@@ -184,7 +180,6 @@ class LogBuilder:
     """Builder of a log from chunks of frames, sorted by identifier."""
 
     def __init__(self, path: Path) -> None:
-        """Begin with nothing."""
         self._path = path
         self._parts: dict[int, _Growing] = {}
         self._began_ns, self._last_ns = 0, 0

@@ -93,7 +93,6 @@ class Pdo:
     """A PDO of a node.
 
     Attributes:
-        node: Node-ID.
         direction: Direction, as the node sees it.
         number: From 1.
         can_id: Identifier.
@@ -125,11 +124,9 @@ class Node:
     It has the objects' contents before a run restores them at its end.
 
     Attributes:
-        number: Node-ID.
         values: Contents of its objects then, by address: written or read last, else from a description.
         heard: Addresses of those in the log itself.
         pdos: Its PDOs.
-        description: Its device description.
     """
 
     number: int

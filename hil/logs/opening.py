@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from drive_profiles.python_can import with_mf4
 from hil.can.frame import MAX_DATA_LENGTH
+from hil.errors import LogError
 from hil.logs import candump
-from hil.logs.errors import LogError
 from hil.logs.log import Damage, Log, LogBuilder
 
 if TYPE_CHECKING:

@@ -29,7 +29,6 @@ class OverheardValue:
 
     Attributes:
         stamp_ns: Stamp of the answer.
-        node: Node-ID of the server.
         address: Index and sub-index.
         data: Content that was written or read.
         is_write: True if it was written.
@@ -48,9 +47,7 @@ class AbortedTransfer:
 
     Attributes:
         stamp_ns: Stamp of the abort.
-        node: Node-ID of the server.
         address: Index and sub-index.
-        code: Abort code.
         by_server: True if the server aborted it.
     """
 

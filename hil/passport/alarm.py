@@ -98,12 +98,9 @@ def watched(
 ) -> Watched:  # fmt: skip
     """Compare a series with its own past.
 
-    Args:
-        values: Values of the runs, in the order of their dates; shape (n,).
-        errors: Their own standard errors, 0 for an unknown one; shape (n,).
-        limits: AlarmLimits of the alarms.
-        design: Conditions of the runs; None if nothing is noted.
-        size: Size of what is measured, of which conditions change a part; None: that of the first values.
+    Values and their standard errors, 0 for an unknown one, are in the order of their dates; shapes (n,). Without a design
+    nothing is noted of the runs; `size` is that of what is measured, by default of the first values: conditions change a part
+    of it.
     """
     x, own = np.asarray(values, dtype=np.float64), filled(errors)
     known = no_design(len(x)) if design is None else design

@@ -74,7 +74,6 @@ class Conditions:
 
     Attributes:
         a_arcsec: Amplitude.
-        error_arcsec: Its standard error.
         load_kg: Load; None if it is not known.
         direction: Direction of the motor; None for both.
         seen_by: Signal from which it was identified.
@@ -98,7 +97,8 @@ def origin_of_order(
     """
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []
-    if any(each.seen_by == "motion" and _is_large(each) for each in found):
+    there = [each for each in found if each.a_arcsec >= ORDER_SIGMAS * each.error_arcsec and each.over_largest >= COGGING_LEAK]
+    if any(each.seen_by == "motion" for each in there):
         gears.append("seen in addition to the motor's measured motion, which contains all of its torques")
     if change is not None and change[1]:
         gears.append(f"A changes {change[0]}")
@@ -115,10 +115,6 @@ def origin_of_order(
         "motor or gear",
         f"{reason}; a run with an accelerometer or a load encoder would tell, as would runs with {LEAST_LOADS} loads",
     )
-
-
-def _is_large(each: Conditions) -> bool:
-    return each.a_arcsec >= ORDER_SIGMAS * each.error_arcsec and each.over_largest >= COGGING_LEAK
 
 
 def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:

@@ -96,11 +96,8 @@ class Expected:
 def expected(values: Real, errors: Real, design: Design, size: float | None = None) -> Expected:
     """Expectation of each run from those before it.
 
-    Args:
-        values: Values of the runs, in the order of their dates; shape (..., n).
-        errors: Their own standard errors; the same shape.
-        design: Conditions of the runs, the same for all series.
-        size: a; None: the mean size of the first values.
+    Values and their standard errors are in the order of their dates; shapes (..., n). All series have the same conditions;
+    `size` is a, by default the mean size of the first values.
     """
     x, variance = np.asarray(values, dtype=np.float64), np.asarray(errors, dtype=np.float64) ** 2
     count, first = x.shape[-1], x[..., :FEWEST_BEFORE]

@@ -82,7 +82,6 @@ class OrderSides:
     """One order of a run, in either direction alone.
 
     Attributes:
-        order: Order k.
         a_forward_arcsec: Amplitude in the motion forwards.
         a_backward_arcsec: Amplitude in the motion backwards.
         a_sigmas: Their difference over its standard error, not below 0.
@@ -103,12 +102,9 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        content: Hash of the measurement.
         robot: Name of the bench.
-        axis: Axis number.
         measured_utc: Date of the measurement, ISO 8601.
         learnt_by: Source of the values, as in the model file.
-        note: Note of the engineer.
         temperature_c: Temperature in the note.
         load_kg: Load in the note.
         direction: `forward` or `backward`; None for both together.

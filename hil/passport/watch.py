@@ -27,15 +27,8 @@ class Trend:
 
     Attributes:
         robot: Name of the bench.
-        axis: Axis number.
-        order: Order k.
-        dates: Dates of its runs.
         values: Amplitudes in arcsec, or phases in degrees, unwound.
         errors: Their standard errors.
-        is_phase: True for phases.
-        watch: Scores and alarm.
-        origin: Origin of the order.
-        why: Reason for it.
     """
 
     robot: str

@@ -23,7 +23,6 @@ class Advice:
     """A change and its effect.
 
     Attributes:
-        title: The change.
         needs: Demands on the drives, on this bench or on the wiring.
         nominal_us: Duration of a cycle without stuff bits, on the busiest bus.
         worst_us: Duration of that cycle with as many stuff bits as possible.
@@ -118,13 +117,6 @@ class Adviser:
 
     Attributes:
         wire: Bit rates of the bus; for a plan without bit times, classic CAN at its fastest.
-
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes that take part.
-        loop: Place of the loop, drive or host.
-        verdict: Verdict on the plan.
-        with_notch: True if the filters act.
     """
 
     def __init__(

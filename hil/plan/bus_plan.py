@@ -89,7 +89,6 @@ class Background:
 
     Attributes:
         nodes: Nodes that send a heartbeat and may send an emergency.
-        heartbeat_s: Period of the heartbeats.
         sdo_transfers_per_s: Expedited transfers to allow for, 8 bytes each way. The bench makes none in a motion.
         emergencies_per_s: Emergencies of all nodes to allow for; never two in one period.
     """
@@ -127,8 +126,6 @@ class ResponseTime:
     From the start of the cycle; for a frame off the cycle, from its queuing.
 
     Attributes:
-        name: Name of the frame.
-        can_id: Identifier of the frame.
         quiet_ns: Arrival with only heartbeats beside the cycle; None if it grows without bound.
         busy_ns: Arrival with an emergency and SDO transfers as well.
         deadline_ns: Start of the next cycle, or the frame's own period.

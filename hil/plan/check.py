@@ -37,7 +37,6 @@ class AxisStability:
     At the period and the delay of a plan.
 
     Attributes:
-        axis: Number of the axis.
         period_s: Sampling time of the loop; None: that of the drive, which is not known.
         delay_samples: Whole periods from sampling to torque.
         speed_rps: Motor speed at which it is worst; 0 is without notch.
@@ -45,7 +44,6 @@ class AxisStability:
         gain_margin_db: Gain margin at that speed.
         phase_margin_deg: Phase margin at that speed.
         pole_radius: Largest |z| at that speed.
-        level: Stability in a word.
         reason: Reason for an unknown stability.
     """
 
@@ -72,7 +70,6 @@ class PlanVerdict:
         cycle: Frames on the bus.
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None if the bus cannot carry it at all.
-        stability: Stability by axis.
         gaps: Sentences on entries that profiles or bench file lack, and on ramps beyond limits.
         remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
     """
@@ -115,13 +112,8 @@ def plan_cycle(
 ) -> Cycle:
     """The frames of a cycle, as `hil.master.cyclic` maps them.
 
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes that take part.
-        loop: Place of the loop; it decides between positions and torques.
-        period_s: SYNC period.
-        notch_state: Let the drives send the state of their first filter in a second TPDO.
-        torque_offset: Send a torque offset (60B2h) beside each position.
+    The loop decides between positions and torques. `notch_state`: the drives send the state of their first filter in a second
+    TPDO; `torque_offset`: a torque offset (60B2h) goes beside each position.
 
     Raises:
         NotPossibleError: The bench has no such axis.
@@ -215,13 +207,8 @@ def stability(
 ) -> tuple[AxisStability, ...]:
     """Stability of each axis' loop.
 
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes.
-        loop: Place of the loop, drive or host.
-        period_s: SYNC period, at which a host-closed loop runs; a drive-closed one runs at that of the drive.
-        delay: Whole periods from sampling to torque of a host-closed loop; None if the bus does not carry it.
-        with_notch: True if the filters act.
+    A host-closed loop runs at the SYNC period, with `delay` whole periods from sampling to torque, None if the bus does not
+    carry it; a drive-closed one runs at the period of the drive.
     """
     return tuple(_axis_stability(number, bench.axis[number], loop, period_s, delay, with_notch) for number in axes)
 
@@ -278,17 +265,9 @@ def check(
 ) -> PlanVerdict:
     """Judge a run's bus load, and the stability of its loops.
 
-    The loops have the delay of the bus.
-
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes that take part.
-        loop: Place of the loop, drive or host.
-        period_s: SYNC period.
-        notch_state: True if the run maps the notch state, as drive-closed runs with the notch do.
-        with_notch: True if the filters act.
-        torque_offset: Send a torque offset (60B2h) beside each position.
-        bitrate: Bit rate instead of that in the bus address.
+    The loops have the delay of the bus. `notch_state`: the run maps the notch state, as drive-closed runs with the notch do;
+    `with_notch`: the filters act; `torque_offset`: a torque offset (60B2h) goes beside each position; `bitrate` replaces that
+    in the bus address.
 
     Raises:
         NotPossibleError: The bench has no such axis.

@@ -50,11 +50,6 @@ def response_ns(message: Message, others: Iterable[Message], bit_ns: int) -> int
     τ is one bit: a frame that is queued in the first bit of another's arbitration still takes part in it. The analysis of
     1994 looked at q = 0 alone, wrongly: a second instance may be later, since its predecessor has delayed others.
 
-    Args:
-        message: The message in question.
-        others: All other messages on the bus.
-        bit_ns: τ, one bit of arbitration.
-
     Source: R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted,
         revisited and revised", Real-Time Systems 35 (2007), 239-272; the FIFO's part simplified from Davis,
         Kollmann, Pollex, Slomka, ECRTS 2011, for frames that are all queued at once.

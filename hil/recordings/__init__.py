@@ -7,7 +7,7 @@
 'load: encoder_loadinc_1 (2^24/rev)'
 """
 
-from hil.recordings.errors import MissingPackageError, RecordingFileError
+from hil.errors import MissingPackageError, RecordingFileError
 from hil.recordings.layout import Said, choose_columns, load_layout, said_with
 from hil.recordings.reading import Recorded, read_recording
 

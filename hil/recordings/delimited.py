@@ -11,7 +11,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 from hil.recordings.source import MOST_ROWS
 
 Real = NDArray[np.float64]

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from drive_profiles.eds.description import Description, load
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK
-from hil.logs.errors import LogError
+from hil.errors import LogError, MissingPackageError, RecordingFileError
 from hil.logs.log import Log, Stream
 from hil.logs.nodes import MappedNumber, described_node
 from hil.logs.opening import open_log
-from hil.recordings.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS, at_stamps
 
 Real = NDArray[np.float64]
@@ -54,10 +53,8 @@ class FrameFile:
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.
 
-        Args:
-            path: The log.
-            description: EDS, DCF, XDD or DBC file; None if none was named.
-            node_id: Node-ID of the drive; None for that of the description.
+        The description is an EDS, DCF, XDD or DBC file, None if none was named; the node-ID is by default that of the
+        description.
 
         Raises:
             RecordingFileError: There is no description, or it maps nothing.

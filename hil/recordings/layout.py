@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import Field
 
 from drive_profiles.files.toml import Table, load
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 from hil.recordings.units import ROLES, Role, Unit, unit_of
 from hil.robot_tables import Positive
 
@@ -130,11 +130,7 @@ def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file
     >>> said_with(["motor=enc_m,2^20/rev"], 100.0, None).unit["motor"]
     '2^20/rev'
 
-    Args:
-        texts: Columns as `ROLE=NAME` or `ROLE=NAME,UNIT`.
-        ratio: Reduction ratio.
-        robot: Name of the robot.
-        file: Layout file.
+    Columns are `ROLE=NAME` or `ROLE=NAME,UNIT`; `file` is a layout file's.
 
     Raises:
         ValueError: A text is not a column.
@@ -156,13 +152,7 @@ def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file
 def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> dict[Role, Column]:
     """Choose the columns of a recording.
 
-    Those that the user names, and those with known names.
-
-    Args:
-        path: The file, for errors.
-        names: Names of its columns.
-        said: The user's statements.
-        axis: Number of the axis.
+    Those that the user names, and those with known names. The path is for errors.
 
     Raises:
         RecordingFileError: A column is not there, its unit is not known, or there is no motor angle or time.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import MissingPackageError, RecordingFileError
+from hil.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS, at_stamps
 
 Real = NDArray[np.float64]

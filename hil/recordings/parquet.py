@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import MissingPackageError, RecordingFileError
+from hil.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS
 
 Real = NDArray[np.float64]

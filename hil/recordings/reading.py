@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 from hil.recordings.layout import Column, Said, choose_columns
 from hil.recordings.source import Source, complete_rows
 from hil.recordings.units import Role
@@ -62,11 +62,6 @@ class Recorded:
 def read_recording(path: Path, said: Said, axis: int) -> Recorded:
     """Read a recording of one axis.
 
-    Args:
-        path: The file.
-        said: The user's statements on its columns.
-        axis: Number of the axis.
-
     Raises:
         RecordingFileError: The file, a column or its numbers cannot be used.
         MissingPackageError: Its format needs a package that is not installed.
@@ -113,10 +108,7 @@ def _running(path: Path, column: Column, stamps: Real) -> Real:
 def open_source(path: Path, description: Path | None = None, node_id: int | None = None) -> Source:
     """A recording, by the suffix of its name.
 
-    Args:
-        path: The file.
-        description: What decodes frames of a bus: EDS, DCF, XDD or DBC file.
-        node_id: Node-ID of the drive that has sent them.
+    The description (EDS, DCF, XDD or DBC file) decodes frames of a bus, sent by the drive at `node_id`.
 
     Raises:
         RecordingFileError: The format is not known, or the file cannot be read.
@@ -155,10 +147,7 @@ JUMP = 0.5
 def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
     """Unwrap an angle in rad, and count its wraps.
 
-    Args:
-        path: The file, for errors.
-        column: The column.
-        values: Its numbers; shape (n,).
+    The path is for errors; the numbers have the shape (n,).
 
     Raises:
         RecordingFileError: A jump is not a whole revolution, or the angle turns too far from sample to sample.

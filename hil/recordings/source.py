@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.errors import RecordingFileError
+from hil.errors import RecordingFileError
 
 Real = NDArray[np.float64]
 
@@ -58,14 +58,8 @@ def complete_rows(path: Path, columns: dict[str, Real]) -> tuple[dict[str, Real]
 def at_stamps(path: Path, name: str, stamps: Real, own: Real, values: Real) -> Real:
     """Interpolate numbers at other stamps, linearly.
 
-    NaN beyond their ends; of the shape of `stamps`.
-
-    Args:
-        path: The file, for errors.
-        name: Name of the numbers.
-        stamps: Wanted stamps; shape (n,).
-        own: Their own stamps; shape (m,).
-        values: The numbers; shape (m,).
+    NaN beyond their ends; of the shape of `stamps`. Wanted stamps have the shape (n,), their own and the numbers (m,); path and
+    name are for errors.
 
     Raises:
         RecordingFileError: Their stamps go back, so that there are two numbers for one instant.

@@ -36,7 +36,6 @@ class MovedArm:
     """One run of an arm's line.
 
     Attributes:
-        run: The run, as it is drawn.
         angles_rad: Joint angles from the recorded motors; shape (n, joints).
         tip_m: Tip by the kinematics; shape (n, 3).
         moved_mm: Displacement of the tip by its vibration, in the band; shape (n, 3).

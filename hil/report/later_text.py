@@ -26,7 +26,6 @@ class LaterText:
     """
 
     def __init__(self, make: Callable[[], str]) -> None:
-        """Begin to make it."""
         self._make: Callable[[], str] | None = make
         self._text = ""
         self._process = 0
@@ -42,7 +41,6 @@ class LaterText:
         self._begin(make)
 
     def __str__(self) -> str:
-        """Wait for the text."""
         self._end(is_patient=True)
         return self._text
 

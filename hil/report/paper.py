@@ -19,8 +19,6 @@ class ResonanceColumn(NamedTuple):
 
     Attributes:
         f_al_hz: f_al in Hz.
-        f_m2_rps: f_m2 in rev/s.
-        f_m4_rps: f_m4 in rev/s.
     """
 
     f_al_hz: float

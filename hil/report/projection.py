@@ -18,7 +18,6 @@ class View:
     """A parallel projection of the base frame.
 
     Attributes:
-        title: View in words.
         right: Unit vector that points to the right on the paper; shape (3,).
         up: Unit vector that points up on it; shape (3,).
         names: Names of both directions, of its axes; empty for a view at an angle, which has none.

@@ -39,10 +39,7 @@ class ReportTable:
     Cells that are not text begin with a number or a dash and are aligned to the right.
 
     Attributes:
-        key: Anchor of the table.
-        title: Title of the table.
         header: Column names with units.
-        rows: Cells, row by row.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
         paper: Corresponding table of the paper; empty for none.
@@ -104,6 +101,15 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
         return "∞" if value > 0 else "−∞"
     text = form.format(value)
     return (text[1:] if _NEGATIVE_ZERO.match(text) else text).replace("-", "−")
+
+
+def vector_text(unit: Sequence[float]) -> str:
+    """Format a direction in space.
+
+    >>> vector_text((1.0, 0.0, -0.5))
+    '(1.00, 0.00, −0.50)'
+    """
+    return f"({', '.join(f'{part:.2f}' for part in unit)})".replace("-", "−")
 
 
 def with_error(value: float | None, error: float | None) -> str:

@@ -137,13 +137,11 @@ class SvgPicture:
     """A figure as SVG, drawn in parallel, and its zoomable data."""
 
     def __init__(self, figure: Figure, key: str, *, is_zoomable: bool = False) -> None:
-        """Begin to draw it."""
         _load_formulas()
         self._text = LaterText(partial(svg.inline, figure, key))
         self._figure = figure if is_zoomable else None
 
     def __str__(self) -> str:
-        """The SVG element."""
         return str(self._text)
 
     @property
@@ -160,8 +158,6 @@ class Drawing:
     """One figure of the report.
 
     Attributes:
-        key: Anchor of the figure.
-        title: Title of the figure.
         paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
         caption: Sentences below the figure.

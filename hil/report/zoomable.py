@@ -37,7 +37,6 @@ class ZoomCurve:
 
     Attributes:
         name: Its name in the legend; empty for none.
-        colour: Name of its colour in the palette.
         x: Abscissa; shape (n,).
         y: Ordinate; shape (n,).
         is_broken: True for a broken line.
@@ -69,7 +68,6 @@ class ZoomShade:
     """Shaded part of a panel.
 
     Attributes:
-        colour: Its colour.
         x: Corners of the outline in x; shape (n,).
         y: Corners in y; shape (n,); empty for a shade across the whole panel.
     """
@@ -103,16 +101,12 @@ class ZoomPanel:
     """A panel: its curves and maps, and its limits.
 
     Attributes:
-        title: Title of the panel.
         names: Names of abscissa and ordinate with their units.
         x: Ends of the abscissa.
         y: Ends of the ordinate.
         is_log: True if the abscissa is logarithmic.
         is_square: True if both axes have one scale.
         right: Name of a second scale on the right, and how many of its units make one of the ordinate's; None without one.
-        curves: Curves.
-        lines: Lines across the panel.
-        shades: Shaded parts.
         map: Map of colours; None without one.
     """
 
@@ -129,11 +123,8 @@ class ZoomPanel:
     map: ZoomMap | None
 
 
-@dataclass(frozen=True, eq=False)
-class ZoomFigure:
-    """A figure: its panels, by rows and columns of a grid."""
-
-    panels: dict[tuple[int, int], ZoomPanel]
+ZoomFigure = dict[tuple[int, int], ZoomPanel]
+"""A figure: its panels, by rows and columns of a grid."""
 
 
 def keep_whole(line: Line2D, x: Real, y: Real) -> None:
@@ -168,12 +159,12 @@ def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: t
 
 def zoomable(figure: Figure) -> ZoomFigure:
     """Return the zoomable data of a drawn figure with final limits."""
-    panels: dict[tuple[int, int], ZoomPanel] = {}
+    panels: ZoomFigure = {}
     for panel in figure.axes:
         place = panel.get_subplotspec()
         if place is not None and panel.get_visible() and panel.get_label() != "<colorbar>":
             panels[place.rowspan.start, place.colspan.start] = _panel(panel)
-    return ZoomFigure(panels)
+    return panels
 
 
 def _panel(panel: Axes) -> ZoomPanel:

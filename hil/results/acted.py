@@ -18,7 +18,6 @@ class ActedFilter(ResultPart):
     """A filter that acted in a run.
 
     Attributes:
-        axis: Axis number.
         held_by: `drive`: the parameters are those that the drive held, read back; `host`: those of the master's own loop.
         notch: The filter, if it follows the speed.
         fixed: The filter, if it does not.
@@ -34,7 +33,6 @@ class CancelledOrder(ResultPart):
     """An order of the transmission error that was cancelled in a run.
 
     Attributes:
-        axis: Axis number.
         order: Order k.
         amplitude_arcsec: A_k, by which it was cancelled.
         phase_deg: φ_k, likewise.
@@ -53,7 +51,6 @@ class SourceFile(ResultPart):
 
     Attributes:
         role: Part that it has: bench, model, design or learnt, or a file that the bench file names.
-        path: Path as it was given.
         sha256: SHA-256 of its content, in hexadecimal digits.
     """
 

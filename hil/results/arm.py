@@ -12,7 +12,6 @@ class MeasuredDip(ResultPart):
     """A measured dip of an axis in a posture, and the fit.
 
     Attributes:
-        axis: Axis number.
         joints_deg: The posture, from the base on.
         measured_hz: The dip.
         standard_error_hz: Its standard error.
@@ -34,7 +33,6 @@ class LineDips(ResultPart):
     """Dips that are predicted at a place of the line motion.
 
     Attributes:
-        way_fraction: Fraction of the way.
         dips_hz: The dips, from the lowest.
         standard_error_hz: Their standard errors.
         bodies_hz: The same by the bench file's bodies on the same gears; empty if it has none.
@@ -50,10 +48,8 @@ class ArmResult(Result):
     """Masses of an arm from several postures.
 
     Attributes:
-        bench: Name of the bench.
         started_utc: Instant of the evaluation, ISO 8601.
         arm: Entry of the model file.
-        measured: Every measured dip.
         line: Dips along the line motion; empty if they are not known.
         next_posture_deg: Joint angles, by axis, of the posture that would improve the fit most.
         notes: Sentences for the engineer.

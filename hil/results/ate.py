@@ -15,7 +15,6 @@ class KnownArm(ResultPart):
     """Arm that was known before the passes.
 
     Attributes:
-        source: Source of the knowledge, in words.
         start: Arm from which the fit started; None if it was searched for.
         resonance_error_hz: Standard error of its resonance; None if it is not known.
         damping_error: Standard error of its damping ratio, likewise.
@@ -36,9 +35,7 @@ class AteRun(MadeRun):
     """One pass as it was run.
 
     Attributes:
-        acceleration_rps_s: Acceleration of its ramps.
         end_rps: Speed at the end of its ramps.
-        ramp_s: Duration of a ramp.
         forward_from_s: Beginning of the ramp forwards, in the recording's time.
         backward_from_s: Beginning of the ramp back, in the recording's time.
         low_rev: Lower turning point of the motor, absolute.
@@ -103,13 +100,10 @@ class AteResult(MeasuredResult):
     """Result of an identification of the transmission error.
 
     Attributes:
-        axis: Axis number.
         sensorless: True if motor torque and encoder alone were used.
         known_before: Arm that was known before the passes.
         sensing: Signal that was fitted.
-        passes: Passes in their order.
         ate: Entry of the model file; None, like all below, where nothing was identified.
-        fit: Fit of all passes.
         history: Standard errors after each pass.
         is_within_goal: True if the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
             that is not a spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.

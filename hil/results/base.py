@@ -24,16 +24,10 @@ LOG_FILE = "bus.log"
 _FILES_OF_A_RESULT = (RESULT_FILE, "check.json", "design.json", LOG_FILE, "runs/*.csv")
 
 
-def new_directory(name: str) -> Path:
-    """Return a new directory for recordings, which is not made yet."""
-    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    return Path("bench-out") / f"{stamp}-{name}"
-
-
 def result_directory(
     out: str | Path | None, name: str, *, force: bool = False, remedy: str = "--force replaces its files"
 ) -> Path:
-    """Return the directory for a command's files.
+    """Return the directory for a command's files, by default a new one, which is not made yet.
 
     A directory with the files of another command is refused. `remedy` is for the message.
 
@@ -41,7 +35,7 @@ def result_directory(
         NotPossibleError: It holds a result, recordings or a log.
     """
     if out is None:
-        return new_directory(name)
+        return Path("bench-out") / f"{datetime.datetime.now(datetime.UTC):%Y%m%dT%H%M%SZ}-{name}"
     folder = Path(out)
     found = next((path for pattern in _FILES_OF_A_RESULT for path in sorted(folder.glob(pattern))), None)
     if found is not None and not force:
@@ -94,12 +88,8 @@ class MeasuredBench(ResultPart):
     """Bench of a measurement: its file, bus, instant and versions.
 
     Attributes:
-        name: Name in the bench file.
-        bus: Address of the bus.
         clock: Clock of the bus: SYNCs, or the wall clock.
         started_utc: Instant of the beginning, ISO 8601.
-        versions: Versions by package.
-        file: The whole bench file.
     """
 
     name: str
@@ -174,7 +164,6 @@ class MeasuredResult(Result):
     """Base of the results of a measurement on one bench.
 
     Attributes:
-        bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
         causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.

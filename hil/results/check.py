@@ -16,9 +16,7 @@ class CheckEntry(ResultPart):
     """One check of one axis.
 
     Attributes:
-        axis: Number of the axis.
         name: Name of the check.
-        verdict: Its outcome.
         seen: Observation in words, or the reason why the check was not made.
         is_made: False for a check that could not be made, because another failed, or the axis could not be moved.
         recording: Recording that shows it, relative to the file; None without one.
@@ -36,7 +34,6 @@ class CheckResult(MeasuredResult):
     """Content of `check.json`.
 
     Attributes:
-        kind: `check`.
         axes: Numbers of the axes that were to be checked.
         checks: All checks, in the order in which they were made.
     """

@@ -12,9 +12,7 @@ class ComparisonRequestEntry(ResultPart):
     """Request of a comparison.
 
     Attributes:
-        experiments: Names of the experiments.
         axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
-        treatments: Treatments in their order.
         named: Treatments that the user has named.
     """
 
@@ -40,8 +38,6 @@ class AxisCompliance(ResultPart):
     """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
 
     Attributes:
-        axis: Axis number.
-        treatment: Name of the treatment.
         loop: Side that closes the loop, the drive or the host.
         slow: Compliance at 1 Hz.
         peak: Largest compliance from 0.1 to 30 Hz.
@@ -60,9 +56,7 @@ class ComparisonRow(ResultPart):
     """One treatment in one experiment.
 
     Attributes:
-        experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
-        treatment: Name of the treatment.
         loop: Side that closes the loop, the drive or the host.
         tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
         tip_peak_change_pct: Change of the peak against no treatment.
@@ -100,13 +94,8 @@ class ComparisonRobot(ResultPart):
     """One robot of a comparison.
 
     Attributes:
-        name: Name in its bench file.
-        source: Path of the bench file.
         directory: Directory of its runs, below the comparison's.
-        bus: Address of its bus.
-        tip_mm: Specification of its tip peak.
         rows: Row for each experiment and treatment.
-        compliance: Compliance by axis and treatment.
         not_restored: Objects that could not be restored in the nodes.
         versions: Versions by package; None if nothing was run.
         ended: Reason why it was not run to the end.
@@ -141,11 +130,9 @@ class TourStep(ResultPart):
     """One step of a tour.
 
     Attributes:
-        name: Name of the step in words.
         what: Result of the step in words, or its error.
         holds: True if the step succeeded.
         link: Path of its report, from the tour's directory; empty for none.
-        seconds: Duration of the step.
     """
 
     name: str
@@ -159,13 +146,11 @@ class TourFact(ResultPart):
     """A drawn number of an emulated robot, and the identified one.
 
     Attributes:
-        axis: Axis number.
         symbol: Symbol of the quantity.
         name: Quantity in words.
         unit: Its unit.
         truth: The robot's number.
         estimate: Number that was identified; None if it was not, or nothing identifies it.
-        standard_error: Standard error of the estimate.
     """
 
     axis: int
@@ -182,7 +167,6 @@ class TourClaim(ResultPart):
 
     Attributes:
         claim: Claim in words.
-        asked: Bound on the number.
         is_above: True if the number is to be above the bound, else it is to be at most that.
         found: The number; None if it was not judged.
         unit: Unit of both.
@@ -204,7 +188,6 @@ class TourNotch(ResultPart):
     """Prediction of a design for its own notch and the bench file's.
 
     Attributes:
-        axis: Axis number.
         designed_mm: Predicted tip peak of the designed notch on the ramp.
         given_mm: That of the bench file's notch.
         missed: Margins that the bench file's notch misses, in words, the worst first.
@@ -231,12 +214,10 @@ class TourPart(ResultPart):
 
     Attributes:
         bench_file: Path of the bench file, from the tour's directory.
-        steps: Steps in their order.
         failure: Reason why it ended early, or None.
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
         facts: True numbers of the robot beside the identified ones.
-        heading: Title of its page.
         claims: Claims; None for a tour without any.
         notches: Predictions of the designs, by axis; None for a tour without any.
     """
@@ -257,7 +238,6 @@ class TreatmentTable(Result):
 
     Attributes:
         started_utc: Instant of the beginning, ISO 8601.
-        request: Request of the comparison.
         robots: Robots in their order; empty if none was run.
         emulated: True if any robot is emulated, even in part; None if that is not known of one, and of none that it is.
     """

@@ -7,7 +7,6 @@ class FollowedOrder(ResultPart):
     """An order of an axis over a motion.
 
     Attributes:
-        axis: Axis number.
         order: Order k.
         amplitude_start_arcsec: A_k at the start, as identified.
         amplitude_end_arcsec: A_k at the end.
@@ -48,7 +47,6 @@ class FollowingPeak(ResultPart):
     Attributes:
         order: Order of the window; None for the whole motion.
         alone_mm: Peak with the cancellation alone.
-        following_mm: Peak with following.
         error_mm: Standard error of their difference.
     """
 
@@ -64,8 +62,6 @@ class FollowingBegin(ResultPart):
     Less was left in the trial, and it did not come from the gear.
 
     Attributes:
-        axis: Axis number.
-        order: Order k.
         part: Least remaining part of it for following.
     """
 

@@ -14,9 +14,7 @@ class LearningRun(MadeRun):
     """One pass as it was run.
 
     Attributes:
-        axis: Axis number.
         number: Number of the pass, from 1.
-        acceleration_rps_s: Acceleration of the ramps.
         end_rps: Speed at the end of the ramps.
     """
 
@@ -48,9 +46,7 @@ class LearntAxis(ResultPart):
     """Transmission error that the passes of one axis gave.
 
     Attributes:
-        axis: Axis number.
         reduction_fraction: Fraction by which the last pass' vibration is below the first's.
-        passes: Passes in their order.
         ate: Entry of the model file.
         left_out: Orders that are not in it, in words.
         kept: Orders that were known before, and that the passes did not better, in words.
@@ -70,7 +66,6 @@ class LearningResult(MeasuredResult):
     """Result of adaptive cancellation.
 
     Attributes:
-        model: Path of the model file.
         runs: Passes as they were run.
         learnt: Axes that are in the model file.
         not_learnt: Reason why not all axes are.
@@ -110,15 +105,12 @@ class ProbedPart(ResultPart):
     """Estimate of one order of one axis from all runs.
 
     Attributes:
-        axis: Axis number.
-        order: Order k.
         outcome: `learnt`, or why it is left at 0.
         a_arcsec: Amplitude; None if it is left at 0.
         a_error_arcsec: Its standard error.
         phi_deg: Phase.
         phi_error_deg: Its standard error.
         seen_fraction: Fraction of it that the runs show.
-        words: The same as a sentence.
     """
 
     axis: int
@@ -143,11 +135,9 @@ class MotionLearningResult(MeasuredResult):
     """Result of learning on a motion.
 
     Attributes:
-        model: Path of the model file.
         motion: `line-motion` or `constant-acceleration`.
         axis: Axis of the latter.
         probe_arcsec: Amplitude of the probes; None if there was none.
-        runs: Runs of the motion.
         parts: Estimates of each order of each axis.
         learnt: Axes that are in the model file.
         base_peak_mm: Peak of the tip without cancellation, of the mean of the base runs.

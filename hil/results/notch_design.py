@@ -1,10 +1,12 @@
 """Result of `hil design notch` (`design.json`)."""
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
 
+from hil.design.frequency import TwoInertia
 from hil.design.notch_problem import Requirements
 from hil.design.notch_search import Effort
 from hil.results.base import Result, ResultPart
@@ -19,20 +21,11 @@ Bounded = Annotated[float | None, BeforeValidator(_without_infinity)]
 """A number, or None if it has no bound: JSON has no infinity."""
 
 
-class DesignPlant(ResultPart):
-    """One plant of the set for which filters were designed.
-
-    The fields are those of `hil.design.frequency.TwoInertia`.
-    """
+@dataclass(frozen=True)
+class DesignPlant(TwoInertia):
+    """One plant of the set for which filters were designed."""
 
     label: str
-    reduction_ratio: float
-    motor_inertia_kg_m2: float
-    motor_damping_nm_s_rad: float
-    arm_inertia_kg_m2: float
-    arm_damping_nm_s_rad: float
-    gear_stiffness_nm_rad: float
-    gear_damping_nm_s_rad: float
 
 
 class DesignCheck(ResultPart):
@@ -54,11 +47,9 @@ class TipPeak(ResultPart):
     """Tip peak on the ramp, predicted, in the window of one order.
 
     Attributes:
-        order: Order k.
         rising_mm: Peak of the assumed plant while the speed rises.
         falling_mm: Peak of the assumed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
-        worst_member: Label of the worst plant.
         other_mm: Largest peak of the assumed plant on each of the slower and faster ramps, by their rate in rev/s².
     """
 
@@ -100,9 +91,6 @@ class DesignVerdict(ResultPart):
     Attributes:
         notch: Filters as a bench file writes them.
         holds: True if they meet all requirements.
-        checks: Check of each requirement.
-        tip_peaks: Tip peak by order.
-        margins: Margins by motor speed.
         postures: Margins on the arm by posture; empty for an axis by itself.
     """
 
@@ -118,12 +106,8 @@ class NotchDesignResult(Result):
     """Result of a notch design.
 
     Attributes:
-        bench: Name of the bench.
-        axis: Axis number.
         orders: Orders k, in the order in which their filters were designed.
-        plant_from: Source of the plant, in words.
         period_s: Sampling time of the loop.
-        delay_samples: Delay of the loop in samples.
         speed_limit_rps: Largest motor speed at which the requirements must hold.
         f_al_hz: Peak of |G_al| without a filter.
         requirements: Margins and tip peak to keep.
@@ -135,7 +119,6 @@ class NotchDesignResult(Result):
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the designed filters; None if only the given ones were judged.
         effort: Evaluations and seed of the search.
-        seconds: Duration of the design.
         emulated: True if plant or transmission error were identified on an emulated robot.
         notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """

@@ -98,8 +98,6 @@ class FrequencyResponseEntry(ResultPart):
 
     Attributes:
         frequency_hz: Frequencies of the lines.
-        real: Real part.
-        imaginary: Imaginary part.
         deviation: Standard error of either part.
         radius: Radius of the circle that holds the true value with a probability of 95 %.
         coherence: Fraction of the motion in a period that follows the excitation.
@@ -119,10 +117,8 @@ class FrictionCurve(ResultPart):
     The arrays are all of shape (n,).
 
     Attributes:
-        residual_nm: Residual of the fit.
         arm_span_deg: Angle through which the arm turned.
         speed_rad_s: Motor speed.
-        arm_angle_rad: Arm angle.
         torque_nm: Motor torque.
         model_nm: Motor torque of the fit.
         gravity_nm: Gravity's part of the fit.
@@ -152,8 +148,6 @@ class PlantResult(MeasuredResult):
     """Result of a plant identification.
 
     Attributes:
-        axis: Axis number.
-        request: Request of the identification.
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
         plant: Plant that was fitted.
         parameters: Every number with its standard error, by name.
@@ -164,9 +158,7 @@ class PlantResult(MeasuredResult):
         tip_response: Tip acceleration per motor angle; None without an accelerometer.
         friction: Friction and gravity of the slow turns.
         identified: Entry of the model file.
-        model_file: Path of the model file.
         not_identified: Reasons why nothing was identified, a sentence each.
-        checks: Checks of the data.
         remarks: Sentences for the engineer.
         recordings: Paths of the CSV files by name of the run.
     """

@@ -20,10 +20,7 @@ class RecordedFile(ResultPart):
     """A recording as it was read.
 
     Attributes:
-        path: The file.
         columns: Columns in words, with their units.
-        rows: Number of rows.
-        duration_s: Duration.
         period_s: Mean sampling period.
         jitter_s: Range of the steps between time stamps, from the 1st to the 99th percentile.
         clock: Source of time: the stamps, even sampling, or the motor's angle; None if no time was needed.
@@ -54,7 +51,6 @@ class RecordedStretch(ResultPart):
     Attributes:
         file: Number of its file, from 0.
         direction: +1 forwards, −1 backwards.
-        turns: Revolutions of the motor.
         speed_rps: Median of its speed.
         from_s: Its beginning, from the first row.
         to_s: Its end.
@@ -76,7 +72,6 @@ class OrderChange(ResultPart):
     """An order against itself in several stretches or parts.
 
     Attributes:
-        order: Order.
         probability: Probability of the differences, were they noise alone.
         widened: Factor by which they widen its standard errors.
         phi_span_deg: Largest difference of two of its phases.
@@ -144,16 +139,11 @@ class RecordedAteResult(Result):
     """Result of an identification of the transmission error from recordings.
 
     Attributes:
-        robot: Name of the robot.
-        axis: Axis number.
         started_utc: Instant of the command, ISO 8601.
-        versions: Versions by package.
         form: Signals that were used beside the motor angle.
-        reduction_ratio: Reduction ratio N.
         ratio_found: N as two encoders show it; None without them.
         orders: Orders that were asked for.
         files: The recordings.
-        stretches: Their stretches.
         parts: Parts of the stretches, in which a change is looked for.
         changes: Each order against itself in these parts.
         scan: Blind scan; None if nothing could be scanned.

@@ -4,6 +4,7 @@ Runs, changes by treatments, and the paper's claims.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
@@ -11,34 +12,17 @@ from pydantic import Field
 from hil.analysis import PAPER_WINDOWS_RPS, Direction, DirectionMetrics
 from hil.bench.model import IdentifiedArm
 from hil.control.shapers import SwingingMode
-from hil.master.lateness import Percentiles
-from hil.master.realtime import Measure
+from hil.master.lateness import WallClockTiming
 from hil.results.acted import ActedFilter, CancelledOrder, SourceFile
 from hil.results.base import MadeRun, MeasuredResult, ResultPart
 from hil.results.following import FollowingEntry
 
 
-class RunTiming(ResultPart):
-    """Punctuality of a run on the wall clock.
-
-    The fields are those of `hil.master.lateness.WallClockTiming`, and the motion's dropped cycles.
-    """
+@dataclass(frozen=True)
+class RunTiming(WallClockTiming):
+    """Punctuality of a run on the wall clock, and the motion's dropped cycles."""
 
     dropped_cycles: int
-    period_s: float
-    limit_s: float
-    cycles: int
-    dropped: int
-    late: int
-    missed: int
-    lateness: Percentiles
-    arrivals: Percentiles
-    bus_bits: int
-    duration_s: float
-    bitrate: int | None
-    bus_load: float | None
-    receive_overflows: int | None
-    measures: tuple[Measure, ...]
 
 
 class TrialRun(ResultPart):
@@ -59,8 +43,6 @@ class TrialPart(ResultPart):
     """One order of one axis in the trial: `hil.experiments.cancellation.verdict.PartVerdict`.
 
     Attributes:
-        axis: Axis number.
-        order: Order k.
         verdict: `accepted`; `refused` if it is wrong; `not judged` if its effect is too small to measure. Only accepted orders
             are used.
         expected_fall_fraction: Fraction by which a right cancellation lowers this order when the tried fraction of it acts.
@@ -234,9 +216,7 @@ class RunEntry(MadeRun):
     Attributes:
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
         axis: The axis that moves alone; None for the line motion.
-        treatment: Name of the treatment.
         loop: Side that closed the loop, the drive or the host.
-        sync_period_s: SYNC period.
         control_period_s: Sampling time of the loop.
         order: Order k of the window; None for the line motion, and for a run that was stopped.
         tip_peak_mm: Largest tip displacement, see `hil.analysis.Metrics` like the next four; None if it could not be judged.
@@ -260,7 +240,6 @@ class RunEntry(MadeRun):
         f_al_words: f_al and its source, as a line.
         remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
-        band_hz: Band of the vibration.
         order_mm: Largest amplitude of the order itself in the window, as a displacement; None if it cannot be tracked.
         order_error_mm: Its standard error.
         noise_mm: Largest tip displacement that noise alone would show in the window.

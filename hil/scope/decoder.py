@@ -91,7 +91,6 @@ class HeardEvent:
         time_s: Its time.
         kind: `emcy`, `nmt` for a command of the NMT master, or `gap` for some cycles without SYNC.
         node: Node-ID; 0 for all.
-        words: The event in words.
     """
 
     time_s: float

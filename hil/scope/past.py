@@ -20,11 +20,9 @@ class Past:
 
     Attributes:
         first: Number of the first row that is kept, counted from the start.
-        end: Number of the next row.
     """
 
     def __init__(self, kept_s: float = KEPT_S) -> None:
-        """Begin with nothing."""
         self._kept_s = kept_s
         self._blocks: deque[tuple[Real, Real]] = deque()
         self.first = self.end = 0
@@ -51,8 +49,7 @@ class Past:
     def since(self, row: int) -> tuple[int, Real, Real]:
         """Rows from a number on.
 
-        Args:
-            row: Number of the first row that is wanted; rows that are not kept any more are left out.
+        Rows that are not kept any more are left out.
 
         Returns:
             Number of the first row, times and values; shapes (n,), (n, m).

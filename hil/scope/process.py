@@ -20,7 +20,6 @@ class ScopeProcess:
     """A process of `hil scope` that ends with its standard input."""
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:
-        """Keep bus, bench file and port."""
         self.url = ""
         self._command = [
             sys.executable, "-m", "hil", "scope", "--bus", address, "--bench", bench_file, "--port", str(port),
@@ -61,7 +60,6 @@ class ScopeProcess:
         return self._process.pid
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
-        """End the process."""
         if self._process is not None:
             end(self._process)
             self._process = None

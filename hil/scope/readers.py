@@ -16,12 +16,12 @@ from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.units import counts_per_rev
 from hil.bench.bench import AxisTable, Bench
 from hil.errors import NodeError
+from hil.export.decoded import acceleration_step_m_s2
 from hil.logs.log import Stream
 from hil.logs.nodes import MappedNumber, Node, Pdo
 from hil.master.drive import mapping
 from hil.master.drive.needs import Need
 from hil.master.drive.scale import OverheardQuestions, read_scaling
-from hil.master.sensor import DIGITS_OBJECT, METRE_PER_SECOND_SQUARED, UNIT_OBJECT
 from hil.scope.signals import Signal, SignalQuantity
 
 _USER_UNITS = (0x607E, 0x60A8, 0x60A9)
@@ -85,14 +85,6 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
     )
 
 
-def acceleration_scale(node: Node) -> float | None:
-    """Return m/s² per step of an accelerometer."""
-    asked = OverheardQuestions(node)
-    digits = asked.number(Need((DIGITS_OBJECT, 1), "", ""), is_optional=True)
-    unit = asked.number(Need((UNIT_OBJECT, 1), "", ""), is_optional=True)
-    return 10.0**-digits if digits is not None and unit == METRE_PER_SECOND_SQUARED else None
-
-
 Real = NDArray[np.float64]
 TARGET = "target"
 """Name of the set-point of a position, from which the following error is made; it has no figure of its own."""
@@ -123,7 +115,6 @@ class FrameReading:
     Attributes:
         readers: The numbers.
         expected: Node of each identifier that is awaited with every SYNC.
-        axes: Names of the axes.
     """
 
     readers: tuple[FrameReader, ...]
@@ -212,7 +203,7 @@ def _of_notch(node: Node, name: str, profile: Profile) -> Iterable[FrameReader]:
 
 
 def _of_sensor(node: Node) -> Iterable[FrameReader]:
-    scale = acceleration_scale(node)
+    scale = acceleration_step_m_s2(node, 1)
     for direction, subindex in zip("xyz", (1, 2, 3), strict=True):
         placed = node.pdo_with("tpdo", mapping.ACCELERATION_OBJECT, subindex)
         if placed is not None:

@@ -23,12 +23,10 @@ class BusSource:
     """Rows of a bus, for a page.
 
     Attributes:
-        title: Title of the page.
         is_live: True if rows are still to come.
         past: The rows.
         signals: Signals of their columns.
         events: Events, the oldest first.
-        event_count: Number of events since the beginning.
         ended: Why no more rows come; "" while they do.
     """
 

@@ -25,11 +25,8 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
 
         A(f) = 2 |Σ w_n x_n e^{−2πj f n T}| / Σ w_n,
 
-    which is the amplitude of a sine whose frequency lies on a line.
-
-    Args:
-        time_s: Times, rising; shape (n,).
-        values: The signal, NaN for a missing sample; shape (n,).
+    which is the amplitude of a sine whose frequency lies on a line. Times rise; the signal has NaN for a missing sample; shapes
+    (n,).
 
     Returns:
         Frequencies in Hz and amplitudes in the signal's unit; shape (n // 2 + 1,).
@@ -47,12 +44,7 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
 def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, Real]:
     """Compute the amplitude spectrum of a signal by order.
 
-    Amplitude at k θ_m: the mean over windows of two turns of the motor (`hil.design.order_map`).
-
-    Args:
-        time_s: Times, rising; shape (n,).
-        values: The signal; shape (n,).
-        angle_rev: Angle of the motor in revolutions; shape (n,).
+    Amplitude at k θ_m: the mean over windows of two turns of the motor (`hil.design.order_map`). Times rise; all of shape (n,).
 
     Returns:
         Orders that the samples show, and amplitudes in the signal's unit.

@@ -77,8 +77,7 @@ class AccelerometerReader:
     def open(self, *, is_lock_step: bool) -> None:
         """Open the port and wait for the first sample.
 
-        Args:
-            is_lock_step: True if the bus counts its time in SYNCs (`Channel.is_lock_step`).
+        On a lock-step bus time counts in SYNCs (`Channel.is_lock_step`).
 
         Raises:
             SerialAccelerometerError: The port does not exist, or gives no bytes, or no readable samples; the message says

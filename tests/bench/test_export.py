@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 
 from drive_profiles.standard.cia402 import State
 from hil.cli.main import app
+from hil.errors import ExportError
 from hil.experiments.motions import line_motion
 from hil.export.decoded import decoded
-from hil.export.errors import ExportError
 from hil.export.plotjuggler import send
 from hil.export.series import Series
 from hil.export.source import Known, mapping_of, series_in

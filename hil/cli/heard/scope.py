@@ -20,7 +20,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.live import DEFAULT_PORT
-from hil.cli.options import OptionalBenchOption
+from hil.cli.options import BusOption, OptionalBenchOption
 from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:
@@ -39,9 +39,7 @@ def scope(
     directory: Annotated[
         Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run to show; default: the bus.")
     ] = None,
-    bus: Annotated[
-        str | None, typer.Option("--bus", help=f"Bus address; default: {BUS_VARIABLE}, then the bench file's.")
-    ] = None,
+    bus: BusOption = None,
     bench_file: OptionalBenchOption = None,
     description: Annotated[
         list[str] | None,

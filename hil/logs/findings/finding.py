@@ -49,10 +49,8 @@ class Finding:
     Attributes:
         kind: Its kind, a word or two joined by hyphens.
         severity: Weight of it.
-        words: Observation with its numbers.
         remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
-        count: Number of places.
         node: Node-ID; None if it is of the bus.
         picture: Numbers of its picture.
     """

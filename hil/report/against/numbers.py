@@ -27,9 +27,7 @@ class NumberPair:
         name: Its name.
         unit: Its unit.
         old: Value of the old result; None if it has none.
-        new: Value of the new result.
         old_error: Standard error of the old value; None if there is none.
-        new_error: Standard error of the new value.
         is_angle: True if 360 is the same as 0.
     """
 

@@ -19,6 +19,7 @@ from hil.report.arm_motion import MovedArm, draw_directions, draw_ground, draw_s
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ANGLE, View, fullest
+from hil.report.report_table import vector_text
 from hil.report.style import Drawing, Line, Real
 from hil.tip_swing import MOST_SWINGS, Swing, resonances_hz, spectrum_mm, swing
 
@@ -191,8 +192,7 @@ def _swing_words(each: Swing) -> str:
     long, short = each.half_axes_mm
     length, width = float(np.linalg.norm(long)), float(np.linalg.norm(short))
     unit = long / max(length, 1e-300) * math.copysign(1.0, float(long[np.argmax(np.abs(long))]))
-    x, y, z = (np.round(unit, 2) + 0.0).tolist()  # a zero without a sign
-    direction = f"({x:.2f}, {y:.2f}, {z:.2f})".replace("-", "−")
+    direction = vector_text((np.round(unit, 2) + 0.0).tolist())  # a zero without a sign
     return f"{each.frequency_hz:.1f} Hz, {length:.4f} mm along {direction} and {width:.4f} mm across"
 
 

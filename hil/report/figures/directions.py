@@ -11,7 +11,7 @@ from hil.experiments.treatment import TITLES
 from hil.report import style
 from hil.report.material import Material, run_name
 from hil.report.plotted_run import PlottedRun, number_or_nothing, shade_judged, shown_runs, window_words
-from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate
+from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate, vector_text
 from hil.report.style import Drawing
 from hil.results.runs import RunEntry
 from hil.tip_vector import displacement_mm, tip_acceleration
@@ -65,8 +65,7 @@ def _worst(runs: list[PlottedRun]) -> str:
     for run in runs:
         worst = (run.entry.directions or {})["worst"]
         if worst.unit is not None and worst.tip_peak_mm is not None:
-            x, y, z = worst.unit
-            words.append(f"{run.label}: {worst.tip_peak_mm:.4f} mm along ({x:.2f}, {y:.2f}, {z:.2f})".replace("-", "−"))
+            words.append(f"{run.label}: {worst.tip_peak_mm:.4f} mm along {vector_text(worst.unit)}")
     return f" Worst, {'; '.join(words)}." if words else ""
 
 
@@ -97,7 +96,7 @@ def direction_table(material: Material, key: str = "directions") -> ReportTable:
     """Tabulate peaks, root mean squares and areas of every window."""
     columns: Columns[tuple[RunEntry, Direction, DirectionMetrics]] = (
         ("Run", lambda row: run_name(row[0]) if row[1] == "x" else ""),
-        ("Direction", lambda row: row[1] + (_unit(row[2]) if row[1] == "worst" else "")),
+        ("Direction", lambda row: row[1] + (f" {vector_text(row[2].unit)}" if row[1] == "worst" and row[2].unit else "")),
         ("Tip peak (mm)", lambda row: number(row[2].tip_peak_mm, "{:.4f}")),
         ("Tip rms (mm)", lambda row: number(row[2].tip_rms_mm, "{:.4f}")),
         ("Spectrum peak (m/s²)", lambda row: number(row[2].spectrum_peak_m_s2, "{:.4f}")),
@@ -113,7 +112,3 @@ def direction_table(material: Material, key: str = "directions") -> ReportTable:
         "all directions together. Areas: from 0.2 f_al to 50 Hz."
     )
     return tabulate(key, "The tip along x, y and z", columns, rows, caption, (0, 1))
-
-
-def _unit(metrics: DirectionMetrics) -> str:
-    return "" if metrics.unit is None else " ({:.2f}, {:.2f}, {:.2f})".format(*metrics.unit).replace("-", "−")

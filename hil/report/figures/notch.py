@@ -39,7 +39,6 @@ class NotchFigures:
 
     Attributes:
         material: Result, bench and recordings.
-        filters: The filters.
         nth: Which of the filters on the page these are, from 0.
     """
 

@@ -30,9 +30,7 @@ class InteractiveParts:
 
     Attributes:
         policy: Content security policy: the page may run and load these scripts only.
-        scripts: Texts of the scripts, in their order.
         style: Rules for the figures.
-        numbers: Numbers of the figures as JSON.
     """
 
     policy: str
@@ -97,15 +95,13 @@ def numbers_json(figures: Mapping[str, ZoomFigure]) -> str:
     By key; equal figures give equal text. Every number is a 32-bit float: seven digits.
     """
     columns = columns_for(figures.values())
-    content = {
-        key: [_panel(panel, place, columns) for place, panel in sorted(figure.panels.items())] for key, figure in figures.items()
-    }
+    content = {key: [_panel(panel, place, columns) for place, panel in sorted(figure.items())] for key, figure in figures.items()}
     return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def columns_for(figures: Iterable[ZoomFigure]) -> int:
     """Return the columns per curve that keep the bound of a page."""
-    panels = [panel for figure in figures for panel in figure.panels.values()]
+    panels = [panel for figure in figures for panel in figure.values()]
     lengths = np.array([len(curve.x) for panel in panels for curve in panel.curves])
     room = MOST_OF_PAGE - sum(panel.map.values.size // 2 for panel in panels if panel.map is not None)
     columns = MOST_COLUMNS
@@ -117,12 +113,8 @@ def columns_for(figures: Iterable[ZoomFigure]) -> int:
 def envelope(x: Real, y: Real, columns: int) -> tuple[Real, Real]:
     """Return least and largest value of each column of samples.
 
-    In their order. Without more samples than that, all samples.
-
-    Args:
-        x: Abscissa; shape (n,).
-        y: Ordinate, NaN for a missing value; shape (n,).
-        columns: Columns, of equally many samples each but for one.
+    In their order. Without more samples than that, all samples. Abscissa and ordinate, NaN for a missing value, have the shape
+    (n,); all columns but one have equally many samples.
 
     Returns:
         Both of shape (m,), m at most 2 `columns`. A column without any value leaves a gap.

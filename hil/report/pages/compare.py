@@ -42,9 +42,7 @@ class ComparedMotion:
     """Figures of a motion of a robot with every treatment.
 
     Attributes:
-        robot: Robot of the comparison.
         material: Result and recordings of its runs.
-        experiment: Name of the experiment.
         axis: Axis of a motion of one axis, else None.
         several: True if the comparison has more than one robot.
     """

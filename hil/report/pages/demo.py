@@ -246,12 +246,12 @@ def _line_in_a_row(material: Material) -> str:
     if len(treated) < 2 or len(treated) == len(runs) or any(run.tip_peak_mm is None for run in runs):
         return ""
     limit_mm = material.bench.specification.tip_mm
-    parts = [f"{millimetres(run.tip_peak_mm, limit_mm)} {_with_words(run.treatment)}" for run in runs]
+    words = {"none": "untreated", "notch": "with the paper's notch"}
+    parts = [
+        f"{millimetres(run.tip_peak_mm, limit_mm)} {words.get(run.treatment, f'with {treatment_name(run.treatment)}')}"
+        for run in runs
+    ]
     return f"Line motion: tip {', '.join(parts)}; limit ±{limit_mm:g} mm"
-
-
-def _with_words(name: str) -> str:
-    return {"none": "untreated", "notch": "with the paper's notch"}.get(name, f"with {treatment_name(name)}")
 
 
 def _beyond(material: Material) -> str:

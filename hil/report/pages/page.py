@@ -83,8 +83,6 @@ class PageVerdict:
 
     Attributes:
         kind: `good`, `bad` or `open`, which chooses the colour.
-        sign: Symbol of the verdict.
-        headline: The verdict in words.
         details: Sentences below the headline.
     """
 
@@ -99,8 +97,6 @@ class CardStep:
     """One treatment's number on a card.
 
     Attributes:
-        after: Number with the treatment.
-        change: Change in words.
         mark: Mark of the specification.
         name: Treatment in words; empty if the card has one step only.
     """
@@ -116,8 +112,6 @@ class Card:
     """A motion's number without treatment, and with each treatment.
 
     Attributes:
-        title: Motion in words.
-        before: Number without treatment.
         unit: Unit of all numbers.
         steps: The treatments, in the order in which they are read.
     """

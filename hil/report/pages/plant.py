@@ -26,17 +26,14 @@ def page_of(_: Path, result: PlantResult) -> Page:
 
 def sections(result: PlantResult) -> list[Section]:
     """All chapters for which there is data."""
+    unknown: list[list[Cell]] = [[line] for line in result.cannot_tell or ()]
+    cannot_tell = ReportTable("cannot-tell", "What these data cannot tell", ("",), unknown, is_prose=True)
     return filled_sections(
         ("plant", "Plant", (parameters(result), modes(result), frequency_response(result))),
         ("arm", "The arm at the tip", (tip(result),)),
         ("slow", "Friction and gravity", (friction(result),)),
-        ("limits", "How far these data reach", (_cannot_tell(result), checks(result))),
+        ("limits", "How far these data reach", (cannot_tell, checks(result))),
     )
-
-
-def _cannot_tell(result: PlantResult) -> ReportTable:
-    rows: list[list[Cell]] = [[line] for line in result.cannot_tell or ()]
-    return ReportTable("cannot-tell", "What these data cannot tell", ("",), rows, is_prose=True)
 
 
 def verdict(result: PlantResult) -> PageVerdict:

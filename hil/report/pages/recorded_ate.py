@@ -1,7 +1,6 @@
 """The page of a transmission error from recordings, with its figures: one self-contained HTML file."""
 
 import math
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from hil.report.figures.order_map import LEVELS, draw_colour_scale, level_colour
 from hil.report.order_names import BY_ORDER, symbol
 from hil.report.pages.page import Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
 
 NAMED_PEAKS = 6
@@ -36,7 +35,7 @@ _SIGNAL: dict[Form, str] = {
 
 
 class RecordedMaterial:
-    """Material of the page: the result, and the three curves beside it."""
+    """Material of the page: the result, and the directory with the three curves beside it."""
 
     def __init__(self, directory: Path, result: RecordedAteResult) -> None:
         self.directory, self.result = directory, result
@@ -50,21 +49,6 @@ class RecordedMaterial:
     def is_sensed(self) -> bool:
         """True for a sensor behind the arm."""
         return self.result.form != "two encoders"
-
-    @cached_property
-    def scan(self) -> dict[str, Real]:
-        """Columns of scan.csv."""
-        return load_columns(self.directory / "scan.csv")
-
-    @cached_property
-    def map(self) -> dict[str, Real]:
-        """Columns of map.csv."""
-        return load_columns(self.directory / "map.csv")
-
-    @cached_property
-    def fit(self) -> dict[str, Real]:
-        """Columns of fit.csv."""
-        return load_columns(self.directory / "fit.csv")
 
 
 def page_of(directory: Path, result: RecordedAteResult) -> Page:
@@ -124,7 +108,7 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
     entry = material.result.scan
     if entry is None:
         return None
-    curve, key = material.scan, f"order-spectrum-axis{material.result.axis}"
+    curve, key = load_columns(material.directory / "scan.csv"), f"order-spectrum-axis{material.result.axis}"
     figure, panels = style.panels(1, 1, 3.0)
     panel = panels[0, 0]
     panel.plot(curve["order"], curve["amplitude"], label="amplitude", **style.MEASURED)
@@ -149,7 +133,7 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
 
 def speed_map(material: RecordedMaterial) -> Drawing | None:
     """Draw the amplitude over speed and order."""
-    table = material.map
+    table = load_columns(material.directory / "map.csv")
     speeds = np.unique(table["speed_rps"])
     if len(speeds) < 3 or float(speeds[-1] - speeds[0]) < LEAST_SPEED_RANGE * float(speeds[-1]):
         return None
@@ -188,7 +172,7 @@ def fit(material: RecordedMaterial) -> Drawing | None:
     """Draw the longest stretch: signal, slow part, error and residual."""
     if not material.result.stretches:
         return None
-    columns = material.fit
+    columns = load_columns(material.directory / "fit.csv")
     longest = max(np.unique(columns["stretch"]), key=lambda each: float(np.ptp(columns["turns"][columns["stretch"] == each])))
     rows = columns["stretch"] == longest
     turns = np.abs(columns["turns"][rows] - columns["turns"][rows][0])

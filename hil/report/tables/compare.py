@@ -8,6 +8,9 @@ from hil.experiments.treatment import TITLES
 from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate, with_error
 from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, TreatmentTable
 
+TRIALS = {"accepted": True, "refused": False, "accepted in part": None}
+"""Whether a trial has found a treatment good, by its end."""
+
 
 def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
     """Return experiments, each with axis or None, in their order."""
@@ -114,7 +117,7 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         ("spectrum area (m/s²·Hz)", lambda row: number(row[1].spectrum_area, "{:.3f}")),
         ("change", lambda row: change(row[1].spectrum_area_change_pct)),
         ("specification", lambda row: _within(row[1])),
-        ("trial", lambda row: _trial(row[1])),
+        ("trial", lambda row: NONE if row[1].trial is None else Mark(TRIALS[row[1].trial], row[1].trial)),
         ("compliance at 1 Hz", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.slow:.2f}"),
         ("largest", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.peak:.2f}"),
     )
@@ -145,10 +148,6 @@ def _within(row: ComparisonRow) -> Mark:
     if row.left_out is not None or row.not_judged is not None:
         return Mark(None, "not judged" if row.left_out is None else "left out")
     return Mark(row.within_spec, "within" if row.within_spec else "outside")
-
-
-def _trial(row: ComparisonRow) -> Cell:
-    return NONE if row.trial is None else Mark(None if row.trial == "accepted in part" else row.trial == "accepted", row.trial)
 
 
 def left_out(result: TreatmentTable) -> ReportTable:

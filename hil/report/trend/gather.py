@@ -30,7 +30,6 @@ class TrendRun:
         robot: Name of the bench, and whether it was emulated.
         date_utc: Beginning of its measurement, ISO 8601 in UTC.
         folder: Directory of its result, relative to the given folder.
-        entry: Window of the run.
         margins: Worst margins of the axis' loop by the model, with the filters that acted; None if plant, gains or filters are
             not known, for a line motion, and for a host-closed loop.
     """
@@ -53,7 +52,6 @@ class GatheredRuns:
 
     Attributes:
         runs: Their windows by date.
-        results: Number of results that have them.
         left_out: Results that were not read, with the reason.
         others: Number of results of other commands, by command.
         copies: Number of results that are a copy of another.

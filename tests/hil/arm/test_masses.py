@@ -6,9 +6,10 @@ import pytest
 from scipy.linalg import eigh
 
 from hil.arm.bodies import Body
-from hil.arm.masses import check_masses, gravity_torques, levers, mass_matrix
+from hil.arm.masses import check_masses, levers, mass_matrix
 from tests.hil.arm.arms import any_arm, body, planar_arm
 from tests.hil.arm.oracles import pinocchio_model
+from tests.oracles.links import gravity_torques
 
 ARMS = {"planar": planar_arm(), "six": any_arm(1, 6), "twelve": any_arm(2, 12)}
 

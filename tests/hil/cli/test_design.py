@@ -4,10 +4,9 @@ import json
 import re
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from drive_profiles.cli.application import mount
+from drive_profiles.cli.application import Tool, mount
 from drive_profiles.parameter_set.parameters import ParameterSet
 from hil.bench.design import load_designs
 from hil.cli import design as cli_design
@@ -16,7 +15,7 @@ from hil.design import notch_search
 
 @pytest.fixture
 def app():
-    made = typer.Typer()
+    made = Tool("hil", "")
     mount(made, cli_design)
     return made
 

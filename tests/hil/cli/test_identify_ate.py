@@ -4,10 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from drive_profiles.cli.application import mount
+from drive_profiles.cli.application import Tool, mount
 from hil.bench.model import load_identified
 from hil.cli import identify_ate as cli_identify_ate
 from hil.experiments import measurement
@@ -16,8 +15,7 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 
-app = typer.Typer()
-app.callback()(lambda: None)
+app = Tool("identify", "")
 mount(app, cli_identify_ate)
 
 

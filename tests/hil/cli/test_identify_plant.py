@@ -2,10 +2,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from drive_profiles.cli.application import mount
+from drive_profiles.cli.application import Tool, mount
 from hil.cli import identify as cli_identify
 from hil.cli.identify_plant import _summary
 from hil.design.estimation import EstimatedParameter
@@ -13,7 +12,7 @@ from hil.experiments.plant.motion import PlantRequest
 from hil.results.plant import ExcitationPlan, PlantRequestEntry, PlantResult
 from tests.hil.results.made import measured_bench
 
-app = typer.Typer()
+app = Tool("identify", "")
 mount(app, cli_identify)
 
 

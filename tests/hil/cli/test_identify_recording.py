@@ -7,16 +7,14 @@ import asammdf
 import can
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 import drive_profiles
-from drive_profiles.cli.application import mount
+from drive_profiles.cli.application import Tool, mount
 from hil.bench.model import load_identified
 from hil.cli import identify_ate as cli_identify_ate
 
-app = typer.Typer()
-app.callback()(lambda: None)
+app = Tool("identify", "")
 mount(app, cli_identify_ate)
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "lara8"

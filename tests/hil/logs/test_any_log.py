@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.logs.errors import LogError
+from hil.errors import LogError
 from hil.logs.explain import explain
 from hil.logs.opening import open_log
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hil.errors import LogError
 from hil.logs import candump
-from hil.logs.errors import LogError
 from hil.logs.opening import open_log
 
 FRAMES = st.lists(

@@ -8,7 +8,7 @@ from hil.report.material import Material
 from hil.report.pages.demo import verdict
 from hil.report.tables.paper_runs import timing_table
 from hil.report.writer import write_report_of
-from hil.results.runs import ExperimentsResult, RunTiming
+from hil.results.runs import ExperimentsResult
 from tests.hil.results.made import measured_bench, run_entry, written
 
 SPREAD = {"count": 500, "p50_s": 2.1e-5, "p99_s": 4e-4, "p999_s": 9e-4, "max_s": 0.0123, "histogram": [[1e-4, 490], [None, 10]]}
@@ -23,7 +23,7 @@ RUN = run_entry(within_spec=False)
 
 @pytest.fixture
 def directory(tmp_path: Path) -> Path:
-    run = run_entry(within_spec=False, timing=RunTiming.model_validate(TIMING), invalid="of 400 cycles 3 were not sent in time")
+    run = run_entry(within_spec=False, timing=TIMING, invalid="of 400 cycles 3 were not sent in time")
     return written(tmp_path, ExperimentsResult(bench=measured_bench(), runs=[run]))
 
 

@@ -7,10 +7,11 @@ import pytest
 from scipy.linalg import eigh
 
 from hil.arm.bodies import Body, Inertia
-from hil.arm.masses import gravity_torques, mass_matrix
+from hil.arm.masses import mass_matrix
 from hil.arm.tables import ArmLink, ArmTable
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.robot import ArmAxis, ArmRobot, load_robot
+from tests.oracles.links import gravity_torques
 from tests.plant_emulator.physics.flexible_rig import FREE, UNDAMPED, FlexibleArm, Oracle, changed, planar, seven_axes, six_axes
 from tests.plant_emulator.physics.stepping import plant_step
 

@@ -9,13 +9,14 @@ from scipy.linalg import eigh
 
 from drive_profiles.errors import FileError
 from drive_profiles.files.toml import loads
-from hil.arm.masses import gravity_torques, levers, mass_matrix
+from hil.arm.masses import levers, mass_matrix
 from hil.arm.mounting import Mounting
 from hil.bench.bench import Bench
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.blank_bench import blank_bench, file_text
 from plant_emulator.robots.robot import SHIPPED, ArmRobot, Robot, load_robot
 from tests.hil.arm.arms import LIMIT, joint_xml, link_xml, planar_arm, six_axis_urdf, ur5e_urdf
+from tests.oracles.links import gravity_torques
 
 ARM = load_robot("reference-arm")
 REFERENCE = load_robot("reference")

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from typer.testing import CliRunner
 
 from drive_profiles.files.toml import loads
-from hil.arm.masses import gravity_torques, mass_matrix
+from hil.arm.masses import mass_matrix
 from hil.bench.bench import Bench, load_bench
 from hil.experiments.motions import line_motion
 from hil.master.session import Session
@@ -19,6 +19,7 @@ from plant_emulator.robots.blank_bench import blank_bench, file_text
 from plant_emulator.robots.drawn_arms import ARM_RANGES, arm_facts, draw_arm
 from plant_emulator.robots.robot import ArmRobot, load_robot
 from plant_emulator.world import World
+from tests.oracles.links import gravity_torques
 
 SEEDS = (0, 3, 5)
 

@@ -8,10 +8,11 @@ from scipy import linalg
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.masses import mass_matrix
-from hil.arm.regressor import link_masses, made_up_masses, regressor, workspace
+from hil.arm.regressor import made_up_masses, regressor, workspace
 from hil.design.coupled.masses import FeltMode, TooFewPosturesError, base_of, fit_masses
 from plant_emulator.robots.robot import load_robot
 from tests.hil.arm.arms import any_arm
+from tests.oracles.links import link_masses
 
 ROBOT = load_robot("reference-arm")
 ARM = ROBOT.arm

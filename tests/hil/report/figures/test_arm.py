@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from hil.arm.kinematics import Kinematics
-from hil.arm.regressor import link_masses
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import IdentifiedArm
 from hil.bench.tip import joint_angles
@@ -25,6 +24,7 @@ from hil.results.base import MeasuredBench
 from hil.results.runs import ExperimentsResult
 from plant_emulator.robots.robot import load_robot
 from tests.hil.report.figures.test_figures import words
+from tests.oracles.links import link_masses
 
 BENCH = load_bench("reference-arm")
 DIRECTION = np.array([0.6, 0.0, 0.8])

@@ -80,7 +80,7 @@ def test_lines_across_a_panel_are_lines_and_not_curves():
         style.flag(panel, 0.75, "$f_a$")
         panel.axvspan(0.4, 0.6, color=style.SHADE)
 
-    (panel,) = zoomed(draw).panels.values()
+    (panel,) = zoomed(draw).values()
     assert [(line.name, line.axis, line.at) for line in panel.lines] == [("limit", "y", 1.5), ("", "x", 0.25), ("f_a", "x", 0.75)]
     assert len(panel.curves) == 1
     assert panel.shades[0].x == pytest.approx([0.4, 0.6])
