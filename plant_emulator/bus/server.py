@@ -15,8 +15,8 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, frames_of, pack
 from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
-from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.instant import FIRST_CLIENT, HeardFrame, Instant
+from plant_emulator.bus.medium import Medium
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.world import SECOND, World
 

@@ -6,9 +6,9 @@ from types import MappingProxyType
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.instant import FIRST_CLIENT, HeardFrame, Instant
+from plant_emulator.bus.medium import Medium
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.drive.drive import Drive
