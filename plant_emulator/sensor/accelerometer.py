@@ -1,6 +1,7 @@
 """The emulated accelerometer, a CiA 404 node."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,36 +29,22 @@ _CHANNELS = ("X", "Y", "Z")
 
 def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
     """Return the accelerometer's entries: CiA 404 inputs 1–3, X to Z."""
-    entries = list(
-        communication_entries(
-            device_type=DEVICE_TYPE,
-            name="Emulated accelerometer",
-            software_version="1.0",
-            vendor_id=VENDOR_ID,
-            product_code=PRODUCT_CODE,
-            revision=REVISION,
-            serial_number=serial_number,
-        )
-    )
+    identity = {"vendor_id": VENDOR_ID, "product_code": PRODUCT_CODE, "revision": REVISION, "serial_number": serial_number}
+    entries = communication_entries(device_type=DEVICE_TYPE, name="Emulated accelerometer", **identity)
     entries.append(cycle_period_entry())
     mapped = tuple((PROCESS_VALUE, sub, 16) for sub in (1, 2, 3))
     entries += pdo_entries(tpdos=(PdoDefault(mapped, transmission_type=1),))
     for sub, axis in enumerate(_CHANNELS, start=1):
-        entries.append(
-            Entry(PROCESS_VALUE, sub, f"Acceleration {axis}", DataType.INTEGER16, Access.RO, 0, mappable=True,
-                  record_name="AI input process value", object_type=ObjectType.ARRAY)
-        )  # fmt: skip
-        entries.append(
-            Entry(PHYSICAL_UNIT, sub, f"Unit {axis}", DataType.UNSIGNED32, Access.CONST, METRE_PER_SECOND_SQUARED,
-                  record_name="AI physical unit process value", object_type=ObjectType.ARRAY)
-        )  # fmt: skip
-        entries.append(
-            Entry(DECIMAL_DIGITS, sub, f"Digits {axis}", DataType.UNSIGNED8, Access.CONST, DIGITS,
-                  record_name="AI decimal digits process value", object_type=ObjectType.ARRAY)
-        )  # fmt: skip
-        entries.append(
-            Entry(STATUS, sub, f"Status {axis}", DataType.UNSIGNED8, Access.RO, 0, mappable=True,
-                  record_name="AI status", object_type=ObjectType.ARRAY)
+        array = partial(Entry, subindex=sub, object_type=ObjectType.ARRAY)
+        entries += (
+            array(PROCESS_VALUE, name=f"Acceleration {axis}", data_type=DataType.INTEGER16, access=Access.RO, default=0,
+                  mappable=True, record_name="AI input process value"),
+            array(PHYSICAL_UNIT, name=f"Unit {axis}", data_type=DataType.UNSIGNED32, access=Access.CONST,
+                  default=METRE_PER_SECOND_SQUARED, record_name="AI physical unit process value"),
+            array(DECIMAL_DIGITS, name=f"Digits {axis}", data_type=DataType.UNSIGNED8, access=Access.CONST,
+                  default=DIGITS, record_name="AI decimal digits process value"),
+            array(STATUS, name=f"Status {axis}", data_type=DataType.UNSIGNED8, access=Access.RO, default=0,
+                  mappable=True, record_name="AI status"),
         )  # fmt: skip
     return entries
 

@@ -28,28 +28,20 @@ def communication_entries(
     *,
     device_type: int,
     name: str,
-    hardware_version: str = HARDWARE_VERSION,
-    software_version: str = "1.0",
     vendor_id: int = 0,
     product_code: int = 0,
     revision: int = 0,
     serial_number: int = 0,
-    heartbeat_ms: int = 0,
-    error_behaviour: int = 0,
 ) -> list[Entry]:
     """Return the communication objects of a node, without its PDOs.
 
     Args:
         device_type: 1000h.
         name: 1008h.
-        hardware_version: 1009h, by which a master knows an emulated node.
-        software_version: 100Ah.
         vendor_id: 1018h:01h, with product code, revision and serial number after it.
         product_code: 1018h:02h.
         revision: 1018h:03h.
         serial_number: 1018h:04h.
-        heartbeat_ms: Default of 1017h; 0 sends none.
-        error_behaviour: Default of 1029h:01h, what a lost heartbeat does: 0 pre-operational, 1 nothing, 2 stopped.
     """
     ro, rw, const, text = Access.RO, Access.RW, Access.CONST, DataType.VISIBLE_STRING
     emcy = int(FunctionCode.EMERGENCY)
@@ -60,20 +52,20 @@ def communication_entries(
         Entry(sync.COB_ID, 0, "COB-ID SYNC", U32, rw, int(FunctionCode.SYNC)),
         Entry(sync.WINDOW, 0, "Synchronous window length", U32, rw, 0),
         Entry(0x1008, 0, "Manufacturer device name", text, const, name),
-        Entry(0x1009, 0, "Manufacturer hardware version", text, const, hardware_version),
-        Entry(0x100A, 0, "Manufacturer software version", text, const, software_version),
+        Entry(0x1009, 0, "Manufacturer hardware version", text, const, HARDWARE_VERSION),  # by which a master knows the node
+        Entry(0x100A, 0, "Manufacturer software version", text, const, "1.0"),
         Entry(guarding.GUARD_TIME, 0, "Guard time", U16, rw, 0),
         Entry(guarding.LIFE_TIME_FACTOR, 0, "Life time factor", U8, rw, 0),
         Entry(time_of_day.COB_ID, 0, "COB-ID TIME", U32, rw, CobIdBit.CONSUME | int(FunctionCode.TIME)),
         Entry(emergency.COB_ID, 0, "COB-ID EMCY", U32, rw, emcy, node_relative=True),
         Entry(emergency.INHIBIT_TIME, 0, "Inhibit time EMCY", U16, rw, 0),
         *_array(nmt.CONSUMER_TIME, "Consumer heartbeat time", rw, WATCHED_NODES),
-        Entry(nmt.PRODUCER_TIME, 0, "Producer heartbeat time", U16, rw, heartbeat_ms),
+        Entry(nmt.PRODUCER_TIME, 0, "Producer heartbeat time", U16, rw, 0),
         *_identity(vendor_id, product_code, revision, serial_number),
         Entry(sync.COUNTER_OVERFLOW, 0, "Synchronous counter overflow value", U8, rw, 0),
         *_verify_configuration(),
-        Entry(
-            ERROR_BEHAVIOUR, 1, "Communication error", U8, rw, error_behaviour, 0, 2,
+        Entry(  # what a lost heartbeat does: 0 pre-operational, 1 nothing, 2 stopped
+            ERROR_BEHAVIOUR, 1, "Communication error", U8, rw, 0, 0, 2,
             record_name="Error behaviour", object_type=ObjectType.ARRAY,
         ),
         *channel_entries(),
