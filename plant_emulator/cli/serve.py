@@ -5,7 +5,7 @@ import gc
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -159,18 +159,19 @@ def serve(
 
         can_viewer -i hil_local -c /tmp/robot.sock
     """
-    changes = _Changes(
-        axis, by_axis("--drive", drive), tuning, by_axis("--eds", eds), store_time_s, load_encoder_bits, seed
-    )  # fmt: skip
+    drives, sheets = by_axis("--drive", drive), by_axis("--eds", eds)
     address, endpoint = _addresses(bus, slcan, virtualcan)
-    model = _robot(robot, changes)
+    model = _robot(
+        robot, axes=axis, drives=drives, tuning=tuning, eds=sheets, store_time_s=store_time_s,
+        load_encoder_bits=load_encoder_bits, seed=seed,
+    )  # fmt: skip
 
     from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for numpy
     from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer  # noqa: PLC0415
 
     sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing)
     world = _world(robot, model, sensor)
-    server = _server(world, address, _Wire(wall, 1e-6 * host_latency_us, faults), stream=stream)
+    server = _server(world, address, wall=wall, host_latency_s=1e-6 * host_latency_us, faults_file=faults, stream=stream)
     _stop_on_signal(server, until_stdin_closes=until_stdin_closes)
     for line in announced(model, world, str(address)):
         typer.echo(line)
@@ -181,38 +182,30 @@ def serve(
         _run(server)
 
 
-class _Changes(NamedTuple):
-    """Changes of the served robot from its file."""
-
-    axes: str | None
-    drives: dict[int, str]
-    tuning: Path | None
-    sheets: dict[int, str]
-    store_time_s: float | None
-    load_encoder_bits: int | None
-    seed: int | None
-
-
-def _robot(robot: str, changes: _Changes) -> "Robot":
-    from plant_emulator.robots.robot import (  # noqa: PLC0415
-        load_robot,
-        part_of,
-        with_drives,
-    )
+def _robot(
+    robot: str,
+    *,
+    axes: str | None,
+    drives: dict[int, str],
+    tuning: Path | None,
+    eds: dict[int, str],
+    store_time_s: float | None,
+    load_encoder_bits: int | None,
+    seed: int | None,
+) -> "Robot":
+    """Return the robot of a file with the changes that the options ask for."""
+    from plant_emulator.robots.robot import load_robot, part_of, with_drives  # noqa: PLC0415
 
     with exit_on_error(), exit_on_value_error():
         model = load_robot(robot)
-        if changes.axes is not None:
-            model = part_of(model, axis_numbers(changes.axes, model))
-        model = with_drives(
-            model, changes.drives, eds=changes.sheets, store_time_s=changes.store_time_s,
-            load_encoder_bits=changes.load_encoder_bits,
-        )  # fmt: skip
-        if changes.tuning is not None:
+        if axes is not None:
+            model = part_of(model, axis_numbers(axes, model))
+        model = with_drives(model, drives, eds=eds, store_time_s=store_time_s, load_encoder_bits=load_encoder_bits)
+        if tuning is not None:
             from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
 
-            model = tuned(model, load_tuning(changes.tuning).gains(model.axis))
-    return model if changes.seed is None else model.model_copy(update={"seed": changes.seed})
+            model = tuned(model, load_tuning(tuning).gains(model.axis))
+    return model if seed is None else model.model_copy(update={"seed": seed})
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
@@ -262,15 +255,9 @@ def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "t
         raise fail(f"--virtualcan {error}", EmulatorExitStatus.USAGE) from None
 
 
-class _Wire(NamedTuple):
-    """Medium of the local bus."""
-
-    wall: bool
-    host_latency_s: float
-    faults: Path | None
-
-
-def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
+def _server(
+    world: "World", address: "Address", *, wall: bool, host_latency_s: float, faults_file: Path | None, stream: bool
+) -> "Server | Attachment":
     """Return the local bus around a world, or its attachment."""
     from drive_profiles.address import LOCAL  # noqa: PLC0415
     from drive_profiles.errors import FileError  # noqa: PLC0415
@@ -284,19 +271,19 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
     try:
         if address.interface == LOCAL:
             faults = None
-            if wire.faults is not None:
+            if faults_file is not None:
                 from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
 
-                faults = load(wire.faults, FaultsFile).faults()
-            medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
+                faults = load(faults_file, FaultsFile).faults()
+            medium = medium_for(world, address.bitrate, wall=wall, host_latency_s=host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
-        if wire != (False, 0.0, None):
+        if wall or host_latency_s or faults_file is not None:
             raise fail(f"--wall, --host-latency-us and --faults need a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
         return Attachment(world, open_channel(address))
     except FileError as error:
         raise fail(str(error), EmulatorExitStatus.FILE) from None
     except ValueError as error:
-        raise fail(f"{wire.faults}: {error}", EmulatorExitStatus.FILE) from None
+        raise fail(f"{faults_file}: {error}", EmulatorExitStatus.FILE) from None
     except BusUnavailableError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
     except (AddressInUseError, OSError) as error:

@@ -215,10 +215,10 @@ def _fractions(panel: Axes, pairs: Any) -> None:
     filled = [group for group in groups if group.any()]
     x = np.array([np.median(values[group]) for group in filled])
     found = [run_fraction(int(holds[group].sum()), int(group.sum())) for group in filled]
-    reach = np.array([(each.fraction - each.low, each.high - each.fraction) for each in found]).T
+    reach = np.array([(each.share - each.low, each.high - each.share) for each in found]).T
     panel.errorbar(
         x,
-        [each.fraction for each in found],
+        [each.share for each in found],
         yerr=np.clip(reach, 0.0, None),
         marker="o",
         color=style.BLUE,
