@@ -26,7 +26,7 @@ class EmulatedChannel(InProcessChannel):
         super().__init__(world, medium)
         self.address = Address(LOCAL, "in-process", bitrate)
         self.interference = interference
-        interference.join(lambda: world.now, self.inject, self._lose)
+        interference.join(lambda: world.now, self.inject, self)
         self.heard = interference.trace.hear
         for frame in self._queue:
             self.heard(frame, world.now)
@@ -63,9 +63,6 @@ class EmulatedChannel(InProcessChannel):
             self.interference.run_due()
             if stop >= until:
                 return
-
-    def _lose(self, lost: bool) -> None:
-        self.lost = lost
 
     def _deliver(self, heard: list[HeardFrame]) -> None:
         for frame, port, end_ns in heard:

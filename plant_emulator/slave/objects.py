@@ -103,38 +103,28 @@ def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = 
     for number, (rpdo_base, tpdo_base) in enumerate(zip(RPDO_BASES, TPDO_BASES, strict=True)):
         rpdo = rpdos[number] if number < len(rpdos) else PdoDefault()
         tpdo = tpdos[number] if number < len(tpdos) else PdoDefault()
-        entries += _communication(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo, rpdo_base)
-        entries += _event_timer(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo)
-        entries += _mapping(RPDO_MAPPING + number, "RPDO mapping parameter", rpdo)
-        entries += _communication(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo, tpdo_base)
-        entries += _transmission_times(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo)
-        entries += _mapping(TPDO_MAPPING + number, "TPDO mapping parameter", tpdo)
+        entries += _pdo("RPDO", RPDO_COMMUNICATION + number, RPDO_MAPPING + number, rpdo, rpdo_base)
+        entries += _pdo("TPDO", TPDO_COMMUNICATION + number, TPDO_MAPPING + number, tpdo, tpdo_base)
     return entries
 
 
-def _communication(index: int, name: str, pdo: PdoDefault, base: FunctionCode) -> Iterator[Entry]:
+def _pdo(kind: str, index: int, mapping: int, pdo: PdoDefault, base: FunctionCode) -> Iterator[Entry]:
+    """Yield communication and mapping record of a PDO."""
     is_default_valid = base in RPDO_BASES[:2] + TPDO_BASES[:2]
     is_valid = is_default_valid if pdo.is_valid is None else pdo.is_valid
     cob_id = int(base) if is_valid else base | int(CobIdBit.INVALID)
-    yield Entry(index, 1, "COB-ID used by PDO", U32, Access.RW, cob_id, record_name=name, node_relative=True)
-    yield Entry(index, 2, "Transmission type", U8, Access.RW, pdo.transmission_type, record_name=name)
-
-
-def _transmission_times(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
-    yield Entry(index, 3, "Inhibit time", U16, Access.RW, pdo.inhibit_time, record_name=name)
-    yield from _event_timer(index, name, pdo)
-    yield Entry(index, 6, "SYNC start value", U8, Access.RW, 0, record_name=name)
-
-
-def _event_timer(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
-    yield Entry(index, 5, "Event timer", U16, Access.RW, pdo.event_timer_ms, record_name=name)
-
-
-def _mapping(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
-    yield Entry(index, 0, "Number of mapped objects", U8, Access.RW, len(pdo.mapped), record_name=name)
+    name, rw = f"{kind} communication parameter", Access.RW
+    yield Entry(index, 1, "COB-ID used by PDO", U32, rw, cob_id, record_name=name, node_relative=True)
+    yield Entry(index, 2, "Transmission type", U8, rw, pdo.transmission_type, record_name=name)
+    yield Entry(index, 5, "Event timer", U16, rw, pdo.event_timer_ms, record_name=name)
+    if kind == "TPDO":
+        yield Entry(index, 3, "Inhibit time", U16, rw, pdo.inhibit_time, record_name=name)
+        yield Entry(index, 6, "SYNC start value", U8, rw, 0, record_name=name)
+    name = f"{kind} mapping parameter"
+    yield Entry(mapping, 0, "Number of mapped objects", U8, rw, len(pdo.mapped), record_name=name)
     values = [PdoObject(*address).value for address in pdo.mapped] + [0] * (MAX_MAPPED - len(pdo.mapped))
     for position, value in enumerate(values, 1):
-        yield Entry(index, position, f"Mapped object {position}", U32, Access.RW, value, record_name=name)
+        yield Entry(mapping, position, f"Mapped object {position}", U32, rw, value, record_name=name)
 
 
 def _history() -> Iterator[Entry]:
