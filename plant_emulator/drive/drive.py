@@ -197,7 +197,7 @@ class Drive(SlaveNode):
         Values that were not stored are lost. Returns the boot-up frame.
         """
         self._restart()
-        return self.slave.power_on(now)
+        return super().power_on(now)
 
     def update(self, now: int) -> list[Frame]:
         """Process what the axis has done since the last call.

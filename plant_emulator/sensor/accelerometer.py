@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from drive_profiles.standard.cia301 import DataType
-from hil.can.frame import Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary.manufacturer_objects import REVISION, VENDOR_ID, cycle_period_entry
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType
@@ -63,13 +62,14 @@ class AccelerometerNode(SlaveNode):
     Attributes:
         shared: What the node shows, in C: a `tip_node`.
         channels: Process values of X, Y and Z.
+        measure: Gives the sensor's output of this instant.
     """
 
     def __init__(
         self, node_id: int, measure: Callable[[], tuple[float, float, float]], range_m_s2: float, **options: Any
     ) -> None:
         """Make the node; it measures nothing before the first SYNC."""
-        self._measure = measure
+        self.measure = measure
         rows = np.zeros(1, CORE.dtype("tip_node"))
         rows["range_m_s2"], rows["steps_per_m_s2"] = range_m_s2, 10.0**DIGITS
         self.shared = CORE.pointer(rows, "tip_node")
@@ -81,18 +81,9 @@ class AccelerometerNode(SlaveNode):
         self.channels = [dictionary.cell(PROCESS_VALUE, channel + 1) for channel in range(len(_CHANNELS))]
         self.slave = Slave(node_id, dictionary, **options)
 
-    def power_on(self, now: int) -> list[Frame]:
-        """Start; return the boot-up frame."""
-        return self.slave.power_on(now)
-
-    @property
-    def measure(self) -> Callable[[], tuple[float, float, float]]:
-        """Function that gives the sensor's output of this instant."""
-        return self._measure
-
     def sample(self) -> None:
         """Measure all channels.
 
         CiA 404 status bit 0 is "not valid", here a channel at the end of its range.
         """
-        CORE.call.show_sample(self.shared, self._measure())
+        CORE.call.show_sample(self.shared, self.measure())

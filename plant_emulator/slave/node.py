@@ -449,6 +449,10 @@ class SlaveNode:
         """Next instant, in ns, at which `advance` must be called."""
         return self.slave.due
 
+    def power_on(self, now: int) -> list[Frame]:
+        """Start; return the boot-up frame."""
+        return self.slave.power_on(now)
+
     def receive(self, frame: Frame, now: int) -> list[Frame]:
         """Process a frame from the bus; return the node's answers."""
         return self.slave.receive(frame, now)
