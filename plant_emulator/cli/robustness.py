@@ -115,7 +115,10 @@ def robustness(
         plant-emulator robustness --axis 2 --only 417 --out robustness
     """
     is_line, with_filters = experiment == "line-motion", treatment_named(treatment).filters != ""
-    _check_options(tip_mm, area_percent)
+    if not 0.0 < tip_mm < float("inf"):
+        raise fail(f"--tip-mm {tip_mm}: expected more than 0", EmulatorExitStatus.USAGE)
+    if not area_percent < 100.0:  # NaN is not below either
+        raise fail(f"--area-percent {area_percent}: expected less than 100", EmulatorExitStatus.USAGE)
     if not with_filters and notch is not None:
         raise fail(f"--notch: --treatment {treatment} has no filter", EmulatorExitStatus.USAGE)
     if is_line and axis is not None:
@@ -144,13 +147,6 @@ def robustness(
         else:
             options = {"--robot": robot, "--treatment": treatment, "--tuning": tuning, "--notch": notch, "--spread": spread}
             _many(studies, runs, executors_of(on, jobs), options, out, as_json=as_json)
-
-
-def _check_options(tip_mm: float, area_percent: float) -> None:
-    if not 0.0 < tip_mm < float("inf"):
-        raise fail(f"--tip-mm {tip_mm}: expected more than 0", EmulatorExitStatus.USAGE)
-    if not area_percent < 100.0:  # NaN is not below either
-        raise fail(f"--area-percent {area_percent}: expected less than 100", EmulatorExitStatus.USAGE)
 
 
 def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxis"]:

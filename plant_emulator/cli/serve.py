@@ -167,10 +167,12 @@ def serve(
     )  # fmt: skip
 
     from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for numpy
-    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer  # noqa: PLC0415
+    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer, MeasuredWorld  # noqa: PLC0415
+    from plant_emulator.world import World  # noqa: PLC0415
 
     sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing)
-    world = _world(robot, model, sensor)
+    with exit_on_error(), exit_on_value_error(robot):
+        world = World(model) if sensor is None else MeasuredWorld(model, sensor)
     server = _server(world, address, wall=wall, host_latency_s=1e-6 * host_latency_us, faults_file=faults, stream=stream)
     _stop_on_signal(server, until_stdin_closes=until_stdin_closes)
     for line in announced(model, world, str(address)):
@@ -289,15 +291,6 @@ def _server(
     except (AddressInUseError, OSError) as error:
         words = getattr(error, "strerror", None) or error
         raise fail(f"cannot serve {address}: {words}", EmulatorExitStatus.BUS) from None
-
-
-def _world(robot: str, model: "Robot", sensor: "EmulatedSerialAccelerometer | None") -> "World":
-    """Return the world of a model, with a serial sensor if given."""
-    from plant_emulator.serial.accelerometer import MeasuredWorld  # noqa: PLC0415
-    from plant_emulator.world import World  # noqa: PLC0415
-
-    with exit_on_error(), exit_on_value_error(robot):
-        return World(model) if sensor is None else MeasuredWorld(model, sensor)
 
 
 def _open_ports(
