@@ -138,12 +138,8 @@ class DigitalInputs:
     def listen(self, name: str, edges: int, listener: EdgeListener) -> None:
         """Register a listener for edges.
 
-        It replaces the listener of this name; with `edges` 0 it is removed.
-
-        Args:
-            name: Name of the listener.
-            edges: Bits 1 << HOME_RISING and so on, of `plant_emulator.motion.record`.
-            listener: Called by `dispatch`.
+        The edges are bits 1 << HOME_RISING and so on, of `plant_emulator.motion.record`. `dispatch` calls the listener, which
+        replaces the one of this name; with `edges` 0 there is none.
         """
         self.dispatch()  # what has been seen so far is not for the new listener
         if edges:

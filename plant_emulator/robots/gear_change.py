@@ -84,10 +84,7 @@ class GearTemperature(Table):
 def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable, most_load_nm: float) -> None:
     """Refuse changes of missing orders, and amplitudes that turn negative.
 
-    Args:
-        changes: Lines of the axis.
-        error: Its transmission error.
-        most_load_nm: Torque of the gear at the motor's torque limit.
+    `most_load_nm` is the torque of the gear at the motor's torque limit.
 
     Raises:
         ValueError: The message names the order.

@@ -35,13 +35,7 @@ def communication_entries(
 ) -> list[Entry]:
     """Return the communication objects of a node, without its PDOs.
 
-    Args:
-        device_type: 1000h.
-        name: 1008h.
-        vendor_id: 1018h:01h, with product code, revision and serial number after it.
-        product_code: 1018h:02h.
-        revision: 1018h:03h.
-        serial_number: 1018h:04h.
+    The arguments are 1000h, 1008h, and 1018h:01h to 04h.
     """
     ro, rw, const, text = Access.RO, Access.RW, Access.CONST, DataType.VISIBLE_STRING
     emcy = int(FunctionCode.EMERGENCY)

@@ -79,12 +79,7 @@ class RecordedRobot:
 def record(seeds: Sequence[int], kind: str, folder: Path) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Record the robots of some seeds that are not in a folder yet.
 
-    Yields each seed with the words of its refusals.
-
-    Args:
-        seeds: Seeds below `HELD_OUT_FROM`.
-        kind: One of `many.one.KINDS` but `both`.
-        folder: Folder of all robots.
+    Yields each seed with the words of its refusals. The kind is one of `many.one.KINDS` but `both`.
 
     Raises:
         ValueError: A seed is held out.
