@@ -301,7 +301,7 @@ class World:
         course.is_open, course.synced = is_open, _UNKNOWN
         if not is_open:
             return
-        image.draw()
+        self._sensor.draw()
         due, course.period = self.due, self._plain_period_ns
         self.axes.make_room(1 + self._plain_period_ns // self._control_period_ns)
         course.now, course.mechanics_now, course.wakes_at = self.now, self._mechanics_ns, _NEVER if due is None else due

@@ -27,15 +27,6 @@ TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
 
 
-class AddressInUseError(Exception):
-    """Another server answers at this path."""
-
-    def __init__(self, path: str) -> None:
-        """Compose the message with the path of the socket."""
-        self.path = path
-        super().__init__(f"another server answers at {path}")
-
-
 class Server:
     """Server of a world at a path.
 
@@ -64,8 +55,7 @@ class Server:
             say: Called with a warning each time the world has fallen behind the clock.
 
         Raises:
-            AddressInUseError: Another server answers there.
-            OSError: The path cannot be bound.
+            OSError: Another server answers there, or the path cannot be bound.
         """
         self.world, self.path = world, path
         self._listeners: dict[int, Listener] = {}
@@ -333,7 +323,7 @@ def _listen(path: str, *, stream: bool) -> socket.socket:
         kinds.insert(0, socket.SOCK_SEQPACKET)
     if Path(path).is_socket():
         if _answers(path):
-            raise AddressInUseError(path)
+            raise OSError(errno.EADDRINUSE, f"another server answers at {path}")
         Path(path).unlink()
     if Path(path).exists():
         raise OSError(errno.EEXIST, f"{path} is a {'folder' if Path(path).is_dir() else 'file'}; choose another path")

@@ -268,7 +268,7 @@ def _server(
     from hil.can.opening import open_channel  # noqa: PLC0415
     from plant_emulator.bus.attach import Attachment  # noqa: PLC0415
     from plant_emulator.bus.medium import medium_for  # noqa: PLC0415
-    from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
+    from plant_emulator.bus.server import Server  # noqa: PLC0415
 
     try:
         if address.interface == LOCAL:
@@ -288,9 +288,8 @@ def _server(
         raise fail(f"{faults_file}: {error}", EmulatorExitStatus.FILE) from None
     except BusUnavailableError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
-    except (AddressInUseError, OSError) as error:
-        words = getattr(error, "strerror", None) or error
-        raise fail(f"cannot serve {address}: {words}", EmulatorExitStatus.BUS) from None
+    except OSError as error:
+        raise fail(f"cannot serve {address}: {error.strerror or error}", EmulatorExitStatus.BUS) from None
 
 
 def _open_ports(
@@ -305,7 +304,7 @@ def _open_ports(
         return
     from hil.can.local import connect_local  # noqa: PLC0415
     from plant_emulator.serial.accelerometer import LINE_BYTES  # noqa: PLC0415
-    from plant_emulator.serial.pseudo_terminal import PathTakenError, PseudoTerminal  # noqa: PLC0415
+    from plant_emulator.serial.pseudo_terminal import PseudoTerminal  # noqa: PLC0415
     from plant_emulator.serial.slcan import SlcanPort  # noqa: PLC0415 - a system without terminals serves without them
 
     try:
@@ -317,7 +316,7 @@ def _open_ports(
             terminal = ports.enter_context(contextlib.closing(PseudoTerminal(accelerometer, max_backlog_bytes=LINE_BYTES)))
             sensor.write = terminal.write
             typer.echo(f"serial accelerometer at {accelerometer}")
-    except (PathTakenError, ImportError, AttributeError, OSError) as error:
+    except (ImportError, AttributeError, OSError) as error:
         raise fail(f"no serial port: {error}", EmulatorExitStatus.BUS) from None
 
 

@@ -265,11 +265,6 @@ class Axes:
         x, y, z = self.tip.now.tolist()
         return x, y, z
 
-    @property
-    def sensed(self) -> Any:
-        """Pointer to what `sensed_acceleration` reads; null if that is the tip's acceleration of the instant."""
-        return self.shared.sensed
-
 
 def tip_of(robot: Robot) -> MovedTip:
     """Return the tip that the axes of a robot move, in rising order."""

@@ -139,7 +139,7 @@ class DriveData:
         The entries keep their numbers, which then mean other quantities.
         """
         self.counting = counting
-        self.limits.use(counting)
+        self.limits.counting = counting
         self.on_units()
 
     def _use_units(self, scaling: Scaling) -> None:
@@ -332,7 +332,7 @@ class DriveData:
 
         A halt, and the zero that homing has found, are lost.
         """
-        self.limits.forget_halt()
+        self.limits.is_profile_halted = False
         self._use(self.counting.shifted(0))
         self._apply_rated_torque()
         if self._units is not None:

@@ -155,7 +155,7 @@ class ModeSelection:
         """End the acting mode; 6061h shows it until the torque is off."""
         if self.acting is not None:
             self.acting.end()
-        self._limit_switches.forget()
+        self._limit_switches.blocked = 0
         self._slave.on_sync = _nothing
 
     def release(self) -> None:
