@@ -233,14 +233,11 @@ class Server:
             if not frames:
                 return
             for frame in frames:
-                self._on_frame(frame, client)
+                if self._is_wall and frame.can_id != clock.CLOCK_ID:
+                    self._pass_time()
+                self._take(frame, client)
             if client is not self._clock:
                 return  # one at a time, so that a babbling client does not keep the others out
-
-    def _on_frame(self, frame: Frame, sender: Client) -> None:
-        if self._is_wall and frame.can_id != clock.CLOCK_ID:
-            self._pass_time()
-        self._take(frame, sender)
 
     def _take(self, frame: Frame, sender: Client) -> None:
         if frame.can_id == clock.CLOCK_ID:
