@@ -53,15 +53,8 @@ class _Order:
 class FollowerBase(ABC):
     """Common part of both laws."""
 
-    def __init__(
-        self,
-        arm: ArmModel,
-        orders: Sequence[Followed],
-        band: BandPass,
-        period_s: float,
-        settings: FollowingSettings | None = None,
-    ) -> None:
-        self._arm, self._period_s, self._set = arm, period_s, settings or FollowingSettings()
+    def __init__(self, arm: ArmModel, orders: Sequence[Followed], band: BandPass, period_s: float) -> None:
+        self._arm, self._period_s, self._set = arm, period_s, FollowingSettings()
         self._orders = [_Order(order, band) for order in orders]
         self._tip = (_Section(band), _Section(band))
         self._angle: float | None = None

@@ -16,7 +16,7 @@ from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.control.cascade import Cascade
-from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings
+from hil.control.following import ArmModel, Followed, FollowingLaw
 from hil.design.following import Resonance, arm_model, band_pass, resonance_of
 from hil.design.inverse import CyclicTiming
 from hil.experiments.cancellation.cancellation import Pace, table_of
@@ -144,9 +144,9 @@ class Rig:
         f_al_hz = self.known_arm().f_al_hz
         return band_pass(f_al_hz, f_al_hz, self.sync_s)
 
-    def follower(self, settings: FollowingSettings | None = None, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
+    def follower(self, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
         """Return the product's law for this axis."""
-        return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s, settings)
+        return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s)
 
     def _table(self, angles_rad: Real) -> CancellationTable:
         """Return the feed-forward's table for a motion.

@@ -87,7 +87,7 @@ def law_of(name: str, rig: Rig, begins: Mapping[float, float] = NO_BEGINS) -> Fo
     The observer follows orders from the parts of them on that `begins` states.
     """
     if name == "observer":
-        return rig.follower(begins=begins)
+        return rig.follower(begins)
     kinds: Mapping[str, type[FilteredLms | Repetition]] = {"filtered-x LMS": FilteredLms, "repetition": Repetition}
     return kinds[name](rig.known_model(), rig.followed(), rig.band(), rig.sync_s)
 
