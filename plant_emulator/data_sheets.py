@@ -8,10 +8,6 @@ from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 
 VENDOR = "hil-bench"
-GRANULARITY = 1
-"""Bits of the smallest thing that a PDO of the slave engine carries."""
-LSS_SUPPORTED = True
-"""True if the slave engine is an LSS slave."""
 
 
 def data_sheets() -> dict[str, str]:
@@ -62,5 +58,4 @@ def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_co
     """
     order_code = product.replace(" ", "-").lower() if order_code is None else order_code
     description = f"{product}, written by plant-emulator eds"
-    info = DeviceInfo(file_name, VENDOR, product, order_code, description, granularity=GRANULARITY, lss_supported=LSS_SUPPORTED)
-    return write_eds(dictionary, info)
+    return write_eds(dictionary, DeviceInfo(file_name, VENDOR, product, order_code, description))

@@ -301,7 +301,7 @@ class World:
         course.is_open, course.synced = is_open, _UNKNOWN
         if not is_open:
             return
-        image.draw()
+        self._sensor.draw()
         due, course.period = self.due, self._plain_period_ns
         self.axes.make_room(1 + self._plain_period_ns // self._control_period_ns)
         course.now, course.mechanics_now, course.wakes_at = self.now, self._mechanics_ns, _NEVER if due is None else due
@@ -397,7 +397,11 @@ class World:
         """Return frames of drives, with those of nodes that are due, but for nodes that are off the bus."""
         until = self.now
         if is_due or self._watches or self._wakes_at == _UNKNOWN:
-            late = [(port, node) for port, node in self._ports.items() if _is_due(node.slave, until)]
+            late = [
+                (port, node)
+                for port, node in self._ports.items()
+                if node.slave.waits_for_changes or ((due := node.slave.due) is not None and due <= until)
+            ]
             if late:
                 self._is_looked_at = False
                 # lowest identifier first, as a bus would let them pass
@@ -442,12 +446,6 @@ class World:
         while self.now < until:
             frames += self.advance(min(until, self.now + FREE_STEP_NS))
         return frames
-
-
-def _is_due(slave: Slave, now: int) -> bool:
-    """Return True if a node has something to do."""
-    due = slave.due
-    return (due is not None and due <= now) or slave.waits_for_changes
 
 
 def _by_priority(frames: Iterable[Frame]) -> list[Frame]:

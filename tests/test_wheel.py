@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 EXTRAS = PROJECT["optional-dependencies"]
 WORKERS = """
 from distributed import LocalCluster
-from plant_emulator.trials.cluster import DaskWorkers
+from plant_emulator.trials.executors import DaskWorkers
 
 if __name__ == "__main__":
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:

@@ -38,11 +38,7 @@ class Attachment:
     ) -> None:
         """Join world and channel; `run` starts the nodes.
 
-        Args:
-            world: The robot.
-            channel: The bus, closed by `close`.
-            say: Called with each warning.
-            clock: Monotonic, in ns.
+        `say` gets each warning; the clock is monotonic, in ns.
         """
         self.world, self.channel = world, channel
         self.frames = 0

@@ -170,7 +170,7 @@ def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:
     """
     alive = {entry: rates.sent_bits(entry.frame) for entry in attempt.senders}
     while True:
-        at = _first_difference(list(alive.values()))
+        at = next((place for place, bits in enumerate(zip(*alive.values(), strict=False)) if len(set(bits)) > 1), None)
         if at is None:
             break
         attempt.collided = True
@@ -184,13 +184,6 @@ def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:
             return
         attempt.dropped_out += losers
     attempt.winners = tuple(alive)
-
-
-def _first_difference(texts: list[str]) -> int | None:
-    for position, bits in enumerate(zip(*texts, strict=False)):
-        if len(set(bits)) > 1:
-            return position
-    return None
 
 
 def _echo(at: int, winners: dict[QueuedFrame, str], others: list[Port]) -> int:

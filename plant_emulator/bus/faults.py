@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, Protocol, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -93,17 +93,6 @@ class BusEvent(NamedTuple):
     port: int = 0
     until_ns: int | None = None
     frame: Frame | None = None
-
-
-class FaultSource(Protocol):
-    """Protocol of a wire's source of faults."""
-
-    @property
-    def events(self) -> tuple[BusEvent, ...]:
-        """Events that no frame causes."""
-
-    def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """Return the passages of an offered frame: none, one or several."""
 
 
 @dataclass(frozen=True)

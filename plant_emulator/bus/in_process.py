@@ -13,8 +13,8 @@ from hil.can.channel import OneByOne
 from hil.can.errors import BusLostError
 from hil.can.frame import Frame, frames_of, pack
 from hil.can.local import direct_line
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
-from plant_emulator.bus.medium import NODES, Instant, Medium
+from plant_emulator.bus.instant import FIRST_CLIENT, NODES, HeardFrame, Instant
+from plant_emulator.bus.medium import Medium
 from plant_emulator.core import CORE
 from plant_emulator.world import World
 

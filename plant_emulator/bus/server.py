@@ -15,8 +15,8 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, frames_of, pack
 from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
-from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.instant import FIRST_CLIENT, HeardFrame, Instant
+from plant_emulator.bus.medium import Medium
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.world import SECOND, World
 
@@ -25,15 +25,6 @@ FREE_POLL_S = 0.001
 MAX_MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size
 TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
-
-
-class AddressInUseError(Exception):
-    """Another server answers at this path."""
-
-    def __init__(self, path: str) -> None:
-        """Compose the message with the path of the socket."""
-        self.path = path
-        super().__init__(f"another server answers at {path}")
 
 
 class Server:
@@ -64,8 +55,7 @@ class Server:
             say: Called with a warning each time the world has fallen behind the clock.
 
         Raises:
-            AddressInUseError: Another server answers there.
-            OSError: The path cannot be bound.
+            OSError: Another server answers there, or the path cannot be bound.
         """
         self.world, self.path = world, path
         self._listeners: dict[int, Listener] = {}
@@ -243,14 +233,11 @@ class Server:
             if not frames:
                 return
             for frame in frames:
-                self._on_frame(frame, client)
+                if self._is_wall and frame.can_id != clock.CLOCK_ID:
+                    self._pass_time()
+                self._take(frame, client)
             if client is not self._clock:
                 return  # one at a time, so that a babbling client does not keep the others out
-
-    def _on_frame(self, frame: Frame, sender: Client) -> None:
-        if self._is_wall and frame.can_id != clock.CLOCK_ID:
-            self._pass_time()
-        self._take(frame, sender)
 
     def _take(self, frame: Frame, sender: Client) -> None:
         if frame.can_id == clock.CLOCK_ID:
@@ -333,7 +320,7 @@ def _listen(path: str, *, stream: bool) -> socket.socket:
         kinds.insert(0, socket.SOCK_SEQPACKET)
     if Path(path).is_socket():
         if _answers(path):
-            raise AddressInUseError(path)
+            raise OSError(errno.EADDRINUSE, f"another server answers at {path}")
         Path(path).unlink()
     if Path(path).exists():
         raise OSError(errno.EEXIST, f"{path} is a {'folder' if Path(path).is_dir() else 'file'}; choose another path")

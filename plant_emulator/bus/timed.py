@@ -6,7 +6,7 @@ from collections.abc import Callable
 from hil.can import clock
 from hil.can.bits import NOMINAL_BITS
 from hil.can.frame import MAX_DATA_LENGTH, Frame, frames_of, pack
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
+from plant_emulator.bus.instant import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.rates import INTERMISSION_BITS
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, SECOND, World

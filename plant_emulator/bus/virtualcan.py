@@ -136,12 +136,12 @@ class VirtualcanClient(Client):
         if len(self._backlog) > MAX_BACKLOG_BYTES:
             self._end(f"it has not read {len(self._backlog) // MESSAGE.size} frames")
 
-    def receive(self, *, wait: bool = False) -> list[Frame] | None:
+    def receive(self) -> list[Frame] | None:
         """Return the received frames; None if the client is gone."""
         if self.is_over:
             return None
         try:
-            data = self.socket.recv(_READ_BYTES, 0 if wait else socket.MSG_DONTWAIT)
+            data = self.socket.recv(_READ_BYTES, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return []
         except OSError:

@@ -27,7 +27,7 @@ from hil.can.frame import RECORD, Frame
 from plant_emulator.bus.attempt import DELIMITER_BITS, Attempt, Port, QueuedFrame
 from plant_emulator.bus.confinement import Confinement
 from plant_emulator.bus.controller import Controller
-from plant_emulator.bus.faults import BusEvent, FaultSource
+from plant_emulator.bus.faults import BusEvent, BusFaults
 from plant_emulator.bus.queues import Queues
 from plant_emulator.bus.rates import INTERMISSION_BITS, SECOND, Rates
 from plant_emulator.bus.traffic import ControllerMessage, Delivered, Passed, Statistics, Traffic
@@ -64,7 +64,7 @@ class EmulatedWire:
         *,
         queue_frames: int = QUEUE_FRAMES,
         patience_ns: int = PATIENCE_NS,
-        faults: FaultSource | None = None,
+        faults: BusFaults | None = None,
         now_ns: int = 0,
     ) -> None:
         """Make an idle bus without ports.

@@ -56,15 +56,13 @@ COLUMNS = (
     ("noise m/s²", "noise_m_s2", 1.0),
     ("SYNC ms", "sync_period_s", 1e3),
 )
-
-
 ARM_COLUMNS = (
-    ("mass kg", "mass_kg"),
-    ("payload kg", "payload_kg"),
-    ("reach m", "reach_m"),
-    ("modes at home Hz", "mode_1_hz"),
-    ("", "mode_2_hz"),
-    ("", "mode_3_hz"),
+    ("mass kg", "mass_kg", 1.0),
+    ("payload kg", "payload_kg", 1.0),
+    ("reach m", "reach_m", 1.0),
+    ("modes at home Hz", "mode_1_hz", 1.0),
+    ("", "mode_2_hz", 1.0),
+    ("", "mode_3_hz", 1.0),
 )
 
 
@@ -123,11 +121,9 @@ def fleet(
         for name, text in texts.items():
             write_atomically(out / name, text.encode())
         write_atomically(out / "robots.csv", csv_text([*before, *rows]).encode(), force=bool(before))
-    if arms or urdf is not None:
-        cells = [(str(row["seed"]), *(_number(row[name], 1.0) for _, name in ARM_COLUMNS)) for row in rows]
-        table("", ("seed", *(head for head, _ in ARM_COLUMNS)), cells)
-    else:
-        table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
+    first, columns = (("seed",), ARM_COLUMNS) if arms or urdf is not None else (("seed", "kind"), COLUMNS)
+    cells = [(*(str(row[name]) for name in first), *(_number(row[name], factor) for _, name, factor in columns)) for row in rows]
+    table("", (*first, *(head for head, *_ in columns)), cells)
     what = "one robot and its bench file" if len(rows) == 1 else f"{len(rows)} robots and their bench files"
     typer.echo(f"{what} in {out}; robots.csv lists the drawn values", err=True)
 
@@ -178,10 +174,6 @@ def _drawn(seed: int, kind: str, arms: bool) -> "tuple[str, str, Row]":
         return file_text(robot), bench, facts(seed, kind)
     arm = draw_arm(seed)
     return file_text(arm), blank_bench(arm), {"seed": seed, **arm_facts(arm)}
-
-
-def _cells(row: "Row") -> tuple[str, ...]:
-    return (str(row["seed"]), str(row["kind"]), *(_number(row[name], factor) for _, name, factor in COLUMNS))
 
 
 def _number(value: "Value", factor: float) -> str:

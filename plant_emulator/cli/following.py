@@ -4,6 +4,7 @@
 
 import csv
 from collections.abc import Iterator
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,7 +52,10 @@ def following(
                 found += outcomes([seed], laws)
                 step(1)
         if out is not None:
-            _write(out, found)
+            with out.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow([field.name for field in fields(found[0])])
+                writer.writerows(astuple(each) for each in found)
         rows = list(summary(found))
         if as_json:
             print_json([row._asdict() for row in rows])
@@ -62,12 +66,3 @@ def following(
 def _cells(row: tuple[object, ...]) -> Iterator[str]:
     for cell in row:
         yield f"{cell:.4f}" if isinstance(cell, float) else "–" if cell is None else str(cell)
-
-
-def _write(path: Path, found: "list[Outcome]") -> None:
-    from dataclasses import astuple, fields
-
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([field.name for field in fields(found[0])])
-        writer.writerows(astuple(each) for each in found)

@@ -29,8 +29,7 @@ def executors_of(on: str | None, jobs: int | None) -> "Executors":
     Raises:
         typer.Exit: Both options are given, or the address names no scheduler.
     """
-    from plant_emulator.trials.cluster import DaskWorkers, scheduler_address
-    from plant_emulator.trials.executors import LocalProcesses
+    from plant_emulator.trials.executors import DaskWorkers, LocalProcesses, scheduler_address
 
     if on is None:
         return LocalProcesses(jobs or usable_processors())

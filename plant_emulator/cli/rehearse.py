@@ -16,7 +16,6 @@ from plant_emulator.cli.fleet import KindName, KindOption, OutOption
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 
 if TYPE_CHECKING:
-    from plant_emulator.rehearsal.many.claims import RehearsalClaim
     from plant_emulator.rehearsal.many.rows import Kept
     from plant_emulator.trials.executors import Executors
     from plant_emulator.trials.rows import Row
@@ -85,6 +84,7 @@ def rehearse(
         plant-emulator rehearse --summary rehearsal
     """
     from plant_emulator.rehearsal.many.rows import Kept, RehearsalSettings
+    from plant_emulator.rehearsal.many.seeds import seeds_of
 
     with exit_on_error():
         if summary is not None:
@@ -94,7 +94,10 @@ def rehearse(
             kept.settings()
             _tell(kept, check=check, as_json=as_json, as_markdown=True)
             return
-        named = _seeds(seeds)
+        if seeds is None:
+            raise fail("--seeds is needed, such as --seeds 1-40; or --summary DIR", EmulatorExitStatus.USAGE)
+        with exit_on_value_error():
+            named = seeds_of(seeds)
         if arms and over_bus:
             raise fail("--arms uses no bus; leave --over-bus out", EmulatorExitStatus.USAGE)
         if on is not None and keep:
@@ -104,15 +107,6 @@ def rehearse(
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
         _run_missing(kept, named, executors, None if arms else kind, over_bus=over_bus, keep=keep)
         _tell(kept, check=check, as_json=as_json)
-
-
-def _seeds(text: str | None) -> tuple[int, ...]:
-    from plant_emulator.rehearsal.many.seeds import seeds_of
-
-    if text is None:
-        raise fail("--seeds is needed, such as --seeds 1-40; or --summary DIR", EmulatorExitStatus.USAGE)
-    with exit_on_value_error():
-        return seeds_of(text)
 
 
 def _run_missing(
@@ -183,10 +177,6 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
         lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]
         table(f"{len(rows)} {'arms' if are_arms else 'robots'}", ("claim", "asked", "measured", "holds"), lines)
     typer.echo(f"files: {', '.join(map(str, written))}", err=True)
-    _judge(found, check=check)
-
-
-def _judge(found: "Sequence[RehearsalClaim]", *, check: bool) -> None:
     failed = [each for each in found if each.holds is False]
     for each in failed:
         typer.echo(f"not reached: {each.words}; goal {each.asked}, measured {each.measured}", err=True)

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from plant_emulator.robots.robot import Robot
     from plant_emulator.robots.tuning import TunedAxis
     from plant_emulator.studies.robustness import Study
-    from plant_emulator.studies.spread import PlantSpread
     from plant_emulator.studies.summary import Summary
     from plant_emulator.trials.executors import Executors
 
@@ -116,54 +115,38 @@ def robustness(
         plant-emulator robustness --axis 2 --only 417 --out robustness
     """
     is_line, with_filters = experiment == "line-motion", treatment_named(treatment).filters != ""
-    _check_options(tip_mm, area_percent)
+    if not 0.0 < tip_mm < float("inf"):
+        raise fail(f"--tip-mm {tip_mm}: expected more than 0", EmulatorExitStatus.USAGE)
+    if not area_percent < 100.0:  # NaN is not below either
+        raise fail(f"--area-percent {area_percent}: expected less than 100", EmulatorExitStatus.USAGE)
     if not with_filters and notch is not None:
         raise fail(f"--notch: --treatment {treatment} has no filter", EmulatorExitStatus.USAGE)
     if is_line and axis is not None:
         raise fail("--axis: the line motion moves all axes of the arm", EmulatorExitStatus.USAGE)
     with exit_on_error():
-        model, tuned, filters = _robot(robot, tuning, notch)
-        numbers = [None] if is_line else _axes(axis, model, filters)
+        from drive_profiles.files.toml import load
+        from plant_emulator.robots.robot import load_robot
+        from plant_emulator.studies.robustness import Study
+        from plant_emulator.studies.spread import PlantSpread
+
+        model = load_robot(robot)
+        tuned = _tuned(robot, model, tuning)
+        filters = _filters(tuned, notch)
+        numbers: list[int | None] = [None] if is_line else [*_axes(axis, model, filters)]
         if with_filters:
             _check_filters(numbers, filters, notch)
-        settings = {
-            "controls": {number: each.control for number, each in tuned.items() if each.control is not None},
-            "notches": filters if with_filters else {},
-            "spread": _spread(spread),
-            "seed": seed,
-            "tip_mm": tip_mm,
-            "area_reduction_percent": area_percent,
-        }
-        studies = _studies(model, numbers, settings)
+        controls = {number: each.control for number, each in tuned.items() if each.control is not None}
+        reach = PlantSpread() if spread is None else load(spread, PlantSpread)
+        with exit_on_value_error():
+            studies = [
+                Study(model, number, controls, filters if with_filters else {}, reach, seed, tip_mm, area_percent)
+                for number in numbers
+            ]
         if only is not None:
             _one(studies, only, out, as_json=as_json)
         else:
             options = {"--robot": robot, "--treatment": treatment, "--tuning": tuning, "--notch": notch, "--spread": spread}
             _many(studies, runs, executors_of(on, jobs), options, out, as_json=as_json)
-
-
-def _robot(
-    name: str, tuning: Path | None, notch: Path | None
-) -> "tuple[Robot, dict[int, TunedAxis], dict[int, tuple[Notch, ...]]]":
-    from plant_emulator.robots.robot import load_robot
-
-    model = load_robot(name)
-    tuned = _tuned(name, model, tuning)
-    return model, tuned, _filters(tuned, notch)
-
-
-def _spread(file: Path | None) -> "PlantSpread":
-    from drive_profiles.files.toml import load
-    from plant_emulator.studies.spread import PlantSpread
-
-    return PlantSpread() if file is None else load(file, PlantSpread)
-
-
-def _check_options(tip_mm: float, area_percent: float) -> None:
-    if not 0.0 < tip_mm < float("inf"):
-        raise fail(f"--tip-mm {tip_mm}: expected more than 0", EmulatorExitStatus.USAGE)
-    if not area_percent < 100.0:  # NaN is not below either
-        raise fail(f"--area-percent {area_percent}: expected less than 100", EmulatorExitStatus.USAGE)
 
 
 def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxis"]:
@@ -187,10 +170,10 @@ def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[in
     return {number: tuple(table.notch() for table in each) for number, each in tables.items() if each}
 
 
-def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int | None]:
+def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int]:
     if given is None:
-        return [*([number for number in sorted(model.axis) if number in filters] or sorted(model.axis))]
-    return [*axis_numbers(given, model)]
+        return [number for number in sorted(model.axis) if number in filters] or sorted(model.axis)
+    return axis_numbers(given, model)
 
 
 def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object], designed: Path | None) -> None:
@@ -201,14 +184,6 @@ def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object],
         if number is not None and number not in filters:
             where = "" if designed is None else f" in {designed}"
             raise fail(f"axis {number} has no filter{where}; give --treatment none to run it without", EmulatorExitStatus.USAGE)
-
-
-def _studies(model: "Robot", numbers: Sequence[int | None], settings: Mapping[str, object]) -> list["Study"]:
-    from plant_emulator.studies.robustness import Study
-
-    options: dict[str, object] = dict(settings)
-    with exit_on_value_error():
-        return [Study(model, number, **options) for number in numbers]  # type: ignore[arg-type]
 
 
 def _many(

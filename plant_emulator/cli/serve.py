@@ -5,7 +5,7 @@ import gc
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -159,18 +159,21 @@ def serve(
 
         can_viewer -i hil_local -c /tmp/robot.sock
     """
-    changes = _Changes(
-        axis, by_axis("--drive", drive), tuning, by_axis("--eds", eds), store_time_s, load_encoder_bits, seed
-    )  # fmt: skip
+    drives, sheets = by_axis("--drive", drive), by_axis("--eds", eds)
     address, endpoint = _addresses(bus, slcan, virtualcan)
-    model = _robot(robot, changes)
+    model = _robot(
+        robot, axes=axis, drives=drives, tuning=tuning, eds=sheets, store_time_s=store_time_s,
+        load_encoder_bits=load_encoder_bits, seed=seed,
+    )  # fmt: skip
 
     from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for numpy
-    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer  # noqa: PLC0415
+    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer, MeasuredWorld  # noqa: PLC0415
+    from plant_emulator.world import World  # noqa: PLC0415
 
     sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing)
-    world = _world(robot, model, sensor)
-    server = _server(world, address, _Wire(wall, 1e-6 * host_latency_us, faults), stream=stream)
+    with exit_on_error(), exit_on_value_error(robot):
+        world = World(model) if sensor is None else MeasuredWorld(model, sensor)
+    server = _server(world, address, wall=wall, host_latency_s=1e-6 * host_latency_us, faults_file=faults, stream=stream)
     _stop_on_signal(server, until_stdin_closes=until_stdin_closes)
     for line in announced(model, world, str(address)):
         typer.echo(line)
@@ -181,38 +184,30 @@ def serve(
         _run(server)
 
 
-class _Changes(NamedTuple):
-    """Changes of the served robot from its file."""
-
-    axes: str | None
-    drives: dict[int, str]
-    tuning: Path | None
-    sheets: dict[int, str]
-    store_time_s: float | None
-    load_encoder_bits: int | None
-    seed: int | None
-
-
-def _robot(robot: str, changes: _Changes) -> "Robot":
-    from plant_emulator.robots.robot import (  # noqa: PLC0415
-        load_robot,
-        part_of,
-        with_drives,
-    )
+def _robot(
+    robot: str,
+    *,
+    axes: str | None,
+    drives: dict[int, str],
+    tuning: Path | None,
+    eds: dict[int, str],
+    store_time_s: float | None,
+    load_encoder_bits: int | None,
+    seed: int | None,
+) -> "Robot":
+    """Return the robot of a file with the changes that the options ask for."""
+    from plant_emulator.robots.robot import load_robot, part_of, with_drives  # noqa: PLC0415
 
     with exit_on_error(), exit_on_value_error():
         model = load_robot(robot)
-        if changes.axes is not None:
-            model = part_of(model, axis_numbers(changes.axes, model))
-        model = with_drives(
-            model, changes.drives, eds=changes.sheets, store_time_s=changes.store_time_s,
-            load_encoder_bits=changes.load_encoder_bits,
-        )  # fmt: skip
-        if changes.tuning is not None:
+        if axes is not None:
+            model = part_of(model, axis_numbers(axes, model))
+        model = with_drives(model, drives, eds=eds, store_time_s=store_time_s, load_encoder_bits=load_encoder_bits)
+        if tuning is not None:
             from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
 
-            model = tuned(model, load_tuning(changes.tuning).gains(model.axis))
-    return model if changes.seed is None else model.model_copy(update={"seed": changes.seed})
+            model = tuned(model, load_tuning(tuning).gains(model.axis))
+    return model if seed is None else model.model_copy(update={"seed": seed})
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
@@ -262,15 +257,9 @@ def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "t
         raise fail(f"--virtualcan {error}", EmulatorExitStatus.USAGE) from None
 
 
-class _Wire(NamedTuple):
-    """Medium of the local bus."""
-
-    wall: bool
-    host_latency_s: float
-    faults: Path | None
-
-
-def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
+def _server(
+    world: "World", address: "Address", *, wall: bool, host_latency_s: float, faults_file: Path | None, stream: bool
+) -> "Server | Attachment":
     """Return the local bus around a world, or its attachment."""
     from drive_profiles.address import LOCAL  # noqa: PLC0415
     from drive_profiles.errors import FileError  # noqa: PLC0415
@@ -279,38 +268,28 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
     from hil.can.opening import open_channel  # noqa: PLC0415
     from plant_emulator.bus.attach import Attachment  # noqa: PLC0415
     from plant_emulator.bus.medium import medium_for  # noqa: PLC0415
-    from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
+    from plant_emulator.bus.server import Server  # noqa: PLC0415
 
     try:
         if address.interface == LOCAL:
             faults = None
-            if wire.faults is not None:
+            if faults_file is not None:
                 from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
 
-                faults = load(wire.faults, FaultsFile).faults()
-            medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
+                faults = load(faults_file, FaultsFile).faults()
+            medium = medium_for(world, address.bitrate, wall=wall, host_latency_s=host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
-        if wire != (False, 0.0, None):
+        if wall or host_latency_s or faults_file is not None:
             raise fail(f"--wall, --host-latency-us and --faults need a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
         return Attachment(world, open_channel(address))
     except FileError as error:
         raise fail(str(error), EmulatorExitStatus.FILE) from None
     except ValueError as error:
-        raise fail(f"{wire.faults}: {error}", EmulatorExitStatus.FILE) from None
+        raise fail(f"{faults_file}: {error}", EmulatorExitStatus.FILE) from None
     except BusUnavailableError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
-    except (AddressInUseError, OSError) as error:
-        words = getattr(error, "strerror", None) or error
-        raise fail(f"cannot serve {address}: {words}", EmulatorExitStatus.BUS) from None
-
-
-def _world(robot: str, model: "Robot", sensor: "EmulatedSerialAccelerometer | None") -> "World":
-    """Return the world of a model, with a serial sensor if given."""
-    from plant_emulator.serial.accelerometer import MeasuredWorld  # noqa: PLC0415
-    from plant_emulator.world import World  # noqa: PLC0415
-
-    with exit_on_error(), exit_on_value_error(robot):
-        return World(model) if sensor is None else MeasuredWorld(model, sensor)
+    except OSError as error:
+        raise fail(f"cannot serve {address}: {error.strerror or error}", EmulatorExitStatus.BUS) from None
 
 
 def _open_ports(
@@ -325,7 +304,7 @@ def _open_ports(
         return
     from hil.can.local import connect_local  # noqa: PLC0415
     from plant_emulator.serial.accelerometer import LINE_BYTES  # noqa: PLC0415
-    from plant_emulator.serial.pseudo_terminal import PathTakenError, PseudoTerminal  # noqa: PLC0415
+    from plant_emulator.serial.pseudo_terminal import PseudoTerminal  # noqa: PLC0415
     from plant_emulator.serial.slcan import SlcanPort  # noqa: PLC0415 - a system without terminals serves without them
 
     try:
@@ -337,7 +316,7 @@ def _open_ports(
             terminal = ports.enter_context(contextlib.closing(PseudoTerminal(accelerometer, max_backlog_bytes=LINE_BYTES)))
             sensor.write = terminal.write
             typer.echo(f"serial accelerometer at {accelerometer}")
-    except (PathTakenError, ImportError, AttributeError, OSError) as error:
+    except (ImportError, AttributeError, OSError) as error:
         raise fail(f"no serial port: {error}", EmulatorExitStatus.BUS) from None
 
 

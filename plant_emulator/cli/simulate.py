@@ -1,16 +1,13 @@
 """plant-emulator simulate: an experiment without a bus."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
 from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, ends, exit_on_error, exit_on_value_error
-
-if TYPE_CHECKING:  # --help must not wait for them
-    from plant_emulator.studies.simulate import Simulation
 
 SIMULATE_EPILOG = ends()
 
@@ -33,7 +30,9 @@ def simulate(
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """
     from plant_emulator.robots.robot import load_robot  # noqa: PLC0415 - --help must not wait for numpy
+    from plant_emulator.studies.simulate import axis_columns  # noqa: PLC0415
     from plant_emulator.studies.simulate import simulate as run  # noqa: PLC0415
+    from plant_emulator.trials.rows import columns_csv  # noqa: PLC0415
 
     with exit_on_error():
         model = load_robot(robot)
@@ -46,15 +45,8 @@ def simulate(
             raise fail(
                 f"{robot}: axis.{error.args[0]}: no control table; a simulation needs the gains", EmulatorExitStatus.FILE
             ) from None
-        _write(result, out)
+        tip = {f"tip_{name}_m_s2": result.tip_acceleration_m_s2[:, column] for column, name in enumerate("xyz")}
+        columns = {"time_s": result.time_s} | axis_columns(result.axes, result.reference_counts, result) | tip
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(columns_csv(columns), encoding="ascii", newline="\n")
     typer.echo(f"{len(result.time_s)} samples in {out}")
-
-
-def _write(result: "Simulation", out: Path) -> None:
-    from plant_emulator.studies.simulate import axis_columns  # noqa: PLC0415
-    from plant_emulator.trials.rows import columns_csv  # noqa: PLC0415
-
-    tip = {f"tip_{name}_m_s2": result.tip_acceleration_m_s2[:, column] for column, name in enumerate("xyz")}
-    columns = {"time_s": result.time_s} | axis_columns(result.axes, result.reference_counts, result) | tip
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(columns_csv(columns), encoding="ascii", newline="\n")

@@ -1,7 +1,7 @@
 """The emulated servo drive, joined to one axis of the robot."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from drive_profiles.standard.cia301 import EmergencyCode, NmtState, SdoAbortCode
@@ -24,8 +24,7 @@ from plant_emulator.drive.family.choice import family_of
 from plant_emulator.drive.faults import FAULTS, NOT_OPERATIONAL, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
 from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
-from plant_emulator.drive.modes.selection import ModeSelection
-from plant_emulator.drive.modes.table import modes_of
+from plant_emulator.drive.modes.selection import ModeSelection, modes_of
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import (
     Action,
@@ -54,49 +53,20 @@ def _check_homing_method(method: int) -> SdoAbortCode | None:
     return None if method in {0, *HOMING_METHODS} else SdoAbortCode.INVALID_VALUE
 
 
-class OptionCodes:
-    """Option codes of one drive.
+def option_codes(family: DriveFamily, behaviour: Behaviour) -> Callable[[], Options]:
+    """Return what gives the option codes in force, 605Ah to 605Eh.
 
     The limits of their entries state the permitted values.
 
     Homing methods are not contiguous, so limits cannot state them: methods that do not exist are refused (0609 0030h),
     unless the maker states the entry.
     """
-
-    def __init__(self, family: DriveFamily, behaviour: Behaviour) -> None:
-        dictionary = family.dictionary
-        if not family.states((Object.HOMING_METHOD, 0)):
-            dictionary.on_write(Object.HOMING_METHOD, 0, _check_homing_method)
-        self._quick_stop, self._shutdown = dictionary.cell(Object.QUICK_STOP_OPTION), dictionary.cell(Object.SHUTDOWN_OPTION)
-        self._disable = dictionary.cell(Object.DISABLE_OPERATION_OPTION)
-        self._fault_reaction = dictionary.cell(Object.FAULT_REACTION_OPTION)
-        self._ends = behaviour.quick_stop_ends_disabled_at_once
-
-    def now(self) -> Options:
-        """Return the options in force."""
-        return Options(
-            self._quick_stop.value,  # type: ignore[arg-type] # whole numbers, all of them
-            self._shutdown.value,  # type: ignore[arg-type]
-            self._disable.value,  # type: ignore[arg-type]
-            self._fault_reaction.value,  # type: ignore[arg-type]
-            self._ends,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class AxisSignals:
-    """Live columns of `MOTION` (see there), arrays over the axes' rows."""
-
-    trip: Any
-    event: Any
-    limited: Any
-    stopped: Any
-    following_count: Any
-
-    @classmethod
-    def of(cls, axes: Axes) -> "AxisSignals":
-        """Return the columns of these axes."""
-        return cls(*(live(axes.motion, name) for name in ("trip", "event", "limited", "stopped", "following_count")))
+    dictionary = family.dictionary
+    if not family.states((Object.HOMING_METHOD, 0)):
+        dictionary.on_write(Object.HOMING_METHOD, 0, _check_homing_method)
+    codes = Object.QUICK_STOP_OPTION, Object.SHUTDOWN_OPTION, Object.DISABLE_OPERATION_OPTION, Object.FAULT_REACTION_OPTION
+    cells: list[Any] = [dictionary.cell(code) for code in codes]
+    return lambda: Options._make((*(cell.value for cell in cells), behaviour.quick_stop_ends_disabled_at_once))
 
 
 class DelayedTransition(NamedTuple):
@@ -153,7 +123,8 @@ class Drive(SlaveNode):
         )
         self.on_state: Callable[[State, State], None] = lambda before, after: None
         self.on_change: Callable[[], None] = lambda: None
-        self._signals = AxisSignals.of(axes)  # by which the control period wakes the drive
+        signals = ("trip", "event", "limited", "stopped", "following_count")  # by which the control period wakes the drive
+        self._signals = SimpleNamespace(**{name: live(axes.motion, name) for name in signals})
         self._status = DriveStatus.of(Power())  # replaced whole with each change of state, input or lack: see `_set_power`
         self._delayed: DelayedTransition | None = None  # where the robot file says that transitions take their time
         self._is_word_fresh = False  # whether a control word has come since the stop began: it acts when the motor stands
@@ -173,7 +144,7 @@ class Drive(SlaveNode):
             power=lambda: self._status.power,
             halt_blocks=self.behaviour.halt_blocks_mode_change,
         )
-        self._options = OptionCodes(self.family, self.behaviour)  # 605Ah to 605Eh
+        self._options = option_codes(self.family, self.behaviour)
         self._bind()
         # the family wraps write hooks of the parts above (a hook that comes after it is an error); `restart` wants its values
         self.family.bind(axes, self.row, self._is_powered)
@@ -188,14 +159,13 @@ class Drive(SlaveNode):
             self.data.position_counts: CORE.call.POSITION_SHOWN,
             self.data.shown_torque: CORE.call.TORQUE_SHOWN,
         }
-        self.data.on_units = self._report_change
         self.inputs.on_sto = self._set_torque_off
-        self.inputs.on_forced = self._report_change
+        self.data.on_units = self.inputs.on_forced = self._report_change
         self._faults.on_lack = self._set_status
         slave.on_nmt = self._on_nmt
-        slave.on_heartbeat_lost = self._on_heartbeat_lost
+        slave.on_heartbeat_lost = lambda _: self._connection_lost()
         slave.on_reset = self._on_reset
-        slave.on_rpdo_timeout = self._on_rpdo_timeout
+        slave.on_rpdo_timeout = lambda _: self._connection_lost(RPDO_TIMEOUT)
         slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
         dictionary.on_read(Object.STATUS_WORD, 0, self.status_word)
         dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
@@ -227,7 +197,7 @@ class Drive(SlaveNode):
         Values that were not stored are lost. Returns the boot-up frame.
         """
         self._restart()
-        return self.slave.power_on(now)
+        return super().power_on(now)
 
     def update(self, now: int) -> list[Frame]:
         """Process what the axis has done since the last call.
@@ -346,7 +316,7 @@ class Drive(SlaveNode):
         self._is_word_fresh = status.is_stopping
         for _ in range(4):
             before = self._status.power
-            step = commanded(before, word, self._options.now())
+            step = commanded(before, word, self._options())
             if step.power.state is before.state and step.action is Action.NONE:
                 self._remember(step.power)
                 break
@@ -391,7 +361,7 @@ class Drive(SlaveNode):
         self._delayed = None
         # a transition that has begun is finished, but for the one that opens the brake: that must still be wanted
         is_meant = step.action is not Action.ENERGISE or (
-            latest is not None and commanded(self._status.power, latest, self._options.now()).power.state is step.power.state
+            latest is not None and commanded(self._status.power, latest, self._options()).power.state is step.power.state
         )
         if is_meant and self._may_take(step):
             self._take(step)
@@ -435,7 +405,7 @@ class Drive(SlaveNode):
 
         A control word that came since the stop began takes effect now; the one that began it does not act again.
         """
-        self._take(stopped(self._status.power, self._options.now()))
+        self._take(stopped(self._status.power, self._options()))
         if self._is_word_fresh and not self._status.is_powered:
             self._write_control_word(self._status.power.control_word)
 
@@ -448,12 +418,12 @@ class Drive(SlaveNode):
             self.state is State.QUICK_STOP_ACTIVE and self.behaviour.quick_stop_ends_disabled_at_once
         )
         if ends and (self.stage.law_mode == record.BRAKED or self.stage.is_at_rest):
-            self._take(stopped(self._status.power, self._options.now()))
+            self._take(stopped(self._status.power, self._options()))
 
     def _fault(self, cause: str, code: int) -> None:
         self._faults.report(cause, code)
         self._forget_words()
-        self._take(failed(self._status.power, self._options.now()))
+        self._take(failed(self._status.power, self._options()))
 
     # -- safe torque off -----------------------------------------------------------------------------------------------
 
@@ -480,12 +450,6 @@ class Drive(SlaveNode):
         if new is NmtState.OPERATIONAL:
             self._faults.end_lack(NOT_OPERATIONAL)
 
-    def _on_heartbeat_lost(self, *_: object) -> None:
-        self._connection_lost()
-
-    def _on_rpdo_timeout(self, *_: object) -> None:
-        self._connection_lost(RPDO_TIMEOUT)
-
     def _connection_lost(self, code: int = EmergencyCode.HEARTBEAT, react: Callable[..., Step] = disconnected) -> None:
         """React to a lost connection as 6007h demands.
 
@@ -493,7 +457,7 @@ class Drive(SlaveNode):
         """
         self._forget_words()
         option = self.data.value(Object.ABORT_CONNECTION_OPTION)
-        step = react(self._status.power, option, self._options.now())
+        step = react(self._status.power, option, self._options())
         if step.power == self._status.power:
             return
         if option == AbortConnectionOption.FAULT:

@@ -26,6 +26,9 @@ SWITCHES = record.NEGATIVE_SWITCH | record.POSITIVE_SWITCH | record.HOME_SWITCH
 _PROBE_SHIFT = 13
 INPUTS = SWITCHES | record.PROBE_1 | record.PROBE_2
 
+_RANGES = {"home": record.HOME_SWITCH, "probe_1": record.PROBE_1, "probe_2": record.PROBE_2}
+"""Inputs that are active between two positions, as the fields of `MOTION` name them."""
+
 EdgeListener = Callable[[int, Sequence[float]], None]
 """Takes the bits of the edges that were seen, and the counts at the last of each."""
 
@@ -69,33 +72,23 @@ class DigitalInputs:
         if switches.positive_limit_deg is not None:
             motion["positive_switch_counts"] = math.ceil(switches.positive_limit_deg * joint)
             mask |= record.POSITIVE_SWITCH
-        for name, bit, range_deg in (
-            ("home", record.HOME_SWITCH, switches.home_deg),
-            ("probe_1", record.PROBE_1, switches.probe_1_deg),
-            ("probe_2", record.PROBE_2, switches.probe_2_deg),
-        ):
+        for name, bit in _RANGES.items():
+            range_deg = getattr(switches, f"{name}_deg")
             if range_deg is not None:
-                motion[f"{name}_low_counts"], motion[f"{name}_high_counts"] = (
-                    math.ceil(range_deg[0] * joint),
-                    math.floor(range_deg[1] * joint),
-                )
+                motion[f"{name}_low_counts"] = math.ceil(range_deg[0] * joint)
+                motion[f"{name}_high_counts"] = math.floor(range_deg[1] * joint)
                 mask |= bit
         motion["index_counts"] = round(switches.index_deg * per_degree)
         motion["input_mask"] = mask
 
     def _look_at(self, counts: int) -> None:
         """Find the inputs that are active before the first control period."""
-        motion, levels = self._motion, 0
-        for bit, low, high in (
-            (record.NEGATIVE_SWITCH, -math.inf, motion["negative_switch_counts"]),
-            (record.POSITIVE_SWITCH, motion["positive_switch_counts"], math.inf),
-            (record.HOME_SWITCH, motion["home_low_counts"], motion["home_high_counts"]),
-            (record.PROBE_1, motion["probe_1_low_counts"], motion["probe_1_high_counts"]),
-            (record.PROBE_2, motion["probe_2_low_counts"], motion["probe_2_high_counts"]),
-        ):
-            if motion["input_mask"] & bit and low <= counts <= high:
-                levels |= bit
-        motion["inputs"] = levels | motion["forced_inputs"]
+        motion = self._motion
+        levels = record.NEGATIVE_SWITCH if counts <= motion["negative_switch_counts"] else 0
+        levels |= record.POSITIVE_SWITCH if counts >= motion["positive_switch_counts"] else 0
+        for name, bit in _RANGES.items():
+            levels |= bit if motion[f"{name}_low_counts"] <= counts <= motion[f"{name}_high_counts"] else 0
+        motion["inputs"] = levels & int(motion["input_mask"]) | int(motion["forced_inputs"])
 
     # -- levels --------------------------------------------------------------------------------------------------------
 
@@ -145,12 +138,8 @@ class DigitalInputs:
     def listen(self, name: str, edges: int, listener: EdgeListener) -> None:
         """Register a listener for edges.
 
-        It replaces the listener of this name; with `edges` 0 it is removed.
-
-        Args:
-            name: Name of the listener.
-            edges: Bits 1 << HOME_RISING and so on, of `plant_emulator.motion.record`.
-            listener: Called by `dispatch`.
+        The edges are bits 1 << HOME_RISING and so on, of `plant_emulator.motion.record`. `dispatch` calls the listener, which
+        replaces the one of this name; with `edges` 0 there is none.
         """
         self.dispatch()  # what has been seen so far is not for the new listener
         if edges:

@@ -42,8 +42,8 @@ class SetPoints:
         return self._data.counting.encoder_counts(self._interpolated.value)
 
     def speed_rad_s(self) -> float:
-        """Return the target velocity 60FFh, as written."""
-        return self._data.cyclic_target_speed_rad_s()
+        """Return the target velocity 60FFh, as written; the law adds 60B1h in the cyclic mode."""
+        return self._data.counting.speed_rad_s(self._speed.value)
 
     def torque_nm(self) -> float:
         """Return the target torque 6071h, as written."""

@@ -80,7 +80,7 @@ class ProcessImage:
         self.shared = shared = CORE.new("image")
         self._axes = CORE.pointer(axes.rows, "axis"), CORE.pointer(axes.processes, "process")
         shared.axes, shared.processes = self._axes
-        shared.count, shared.period_s, shared.sensed = len(axes.numbers), axes.robot.control_period_s, axes.sensed
+        shared.count, shared.period_s, shared.sensed = len(axes.numbers), axes.robot.control_period_s, axes.shared.sensed
         shared.tip, shared.sensor, shared.node = axes.tip.shared, sensor.shared, accelerometer.shared
         self._kept: list[object] = []
 
@@ -190,7 +190,7 @@ class ProcessImage:
             Records of the TPDOs in the order of their identifiers. None if a record or a drive needs the slaves; then nothing has
             changed.
         """
-        self.draw()
+        self._sensor.draw()
         if CORE.call.synchronise(self.shared, message, len(message) // RECORD.size) != CORE.call.DONE:
             return None
         for tpdo, place in self._sampled:
@@ -198,10 +198,6 @@ class ProcessImage:
             self._answer[place : place + len(data)] = data
         self.pass_to(now)
         return bytes(self._answer)
-
-    def draw(self) -> None:
-        """Draw noise for SYNCs to come, if it is used up."""
-        self._sensor.draw()
 
     def pass_to(self, now: int) -> None:
         """Let the slaves note the time of a SYNC."""

@@ -113,7 +113,7 @@ class Axes:
         for row, number in enumerate(self.numbers):
             axis = robot.axis[number]
             axis.write(self.plant[row], robot.home_angle(number))
-            write_change(axis, rows[row])
+            write_change(axis.ate_change, axis.ate, axis.temperature, rows[row])
             axis.encoder.write(rows["encoder"][row], axis.encoder_counts_per_rev, robot.seed + number)
             hang_at_rest(self.plant[row], self.plant_state[row])
             motion = self.motion[row]
@@ -264,11 +264,6 @@ class Axes:
         CORE.call.sense_now(self.shared, self.tip.now_by)
         x, y, z = self.tip.now.tolist()
         return x, y, z
-
-    @property
-    def sensed(self) -> Any:
-        """Pointer to what `sensed_acceleration` reads; null if that is the tip's acceleration of the instant."""
-        return self.shared.sensed
 
 
 def tip_of(robot: Robot) -> MovedTip:

@@ -30,40 +30,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("hil-bench", "robot bench (hil-bench)")
     add = group.addoption
     add(
-        "--hil-bench",
-        dest="hil_bench",
-        metavar="FILE|NAME",
-        default="reference",
+        "--hil-bench", metavar="FILE|NAME", default="reference",
         help="Bench: a file, on the bus that it names; or `reference`, on the emulated robot (default).",
-    )
+    )  # fmt: skip
     add(
-        "--hil-robot",
-        dest="hil_robot",
-        metavar="FILE|NAME",
+        "--hil-robot", metavar="FILE|NAME",
         help="Emulate this robot and ignore the bus of --hil-bench. An emulated robot is `reference` by default.",
-    )
-    add(
-        "--hil-axis",
-        dest="hil_axis",
-        type=int,
-        metavar="N",
-        help="Axis of the `hil_drive` fixture; default: the lowest of the bench.",
-    )
-    add("--hil-bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; default: none.")
-    add(
-        "--hil-allow-motion",
-        dest="hil_allow_motion",
-        action="store_true",
-        help="Let fixtures move a real robot; by default they skip.",
-    )
-    add(
-        "--hil-require-hardware",
-        dest="hil_require_hardware",
-        action="store_true",
-        help="Missing hardware fails instead of skipping.",
-    )
-    add("--hil-keep-traces", dest="hil_keep_traces", metavar="DIR",
-        help="Folder for trace and recordings of failed tests; default: .hil-traces.")  # fmt: skip
+    )  # fmt: skip
+    add("--hil-axis", type=int, metavar="N", help="Axis of the `hil_drive` fixture; default: the lowest of the bench.")
+    add("--hil-bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; default: none.")
+    add("--hil-allow-motion", action="store_true", help="Let fixtures move a real robot; by default they skip.")
+    add("--hil-require-hardware", action="store_true", help="Missing hardware fails instead of skipping.")
+    add("--hil-keep-traces", metavar="DIR", help="Folder for trace and recordings of failed tests; default: .hil-traces.")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -6,9 +6,9 @@ from types import MappingProxyType
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.instant import FIRST_CLIENT, HeardFrame, Instant
+from plant_emulator.bus.medium import Medium
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.drive.drive import Drive
@@ -26,7 +26,7 @@ class EmulatedChannel(InProcessChannel):
         super().__init__(world, medium)
         self.address = Address(LOCAL, "in-process", bitrate)
         self.interference = interference
-        interference.join(lambda: world.now, self.inject, self._lose)
+        interference.join(lambda: world.now, self.inject, self)
         self.heard = interference.trace.hear
         for frame in self._queue:
             self.heard(frame, world.now)
@@ -63,9 +63,6 @@ class EmulatedChannel(InProcessChannel):
             self.interference.run_due()
             if stop >= until:
                 return
-
-    def _lose(self, lost: bool) -> None:
-        self.lost = lost
 
     def _deliver(self, heard: list[HeardFrame]) -> None:
         for frame, port, end_ns in heard:

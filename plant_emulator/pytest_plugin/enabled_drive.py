@@ -263,7 +263,7 @@ class EnabledDrive:
         return state_of(word)
 
     def _follow(self, references: list[float]) -> None:
-        with self._session.moving():  # Ctrl-C ends a motion by a ramp, and then the tests
+        with self._session.interruptible():  # Ctrl-C ends a motion by a ramp, and then the tests
             self._keeper.call(lambda: self._cycles(references))
         if self._stopped is not None:
             self._is_seen = True

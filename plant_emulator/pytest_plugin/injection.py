@@ -124,9 +124,7 @@ class FaultInjection:
         Values that it has not stored are lost.
         """
         self._needs_emulation("a test cannot switch a real node off; nmt() resets one by a message")
-        interference = self._interference
-        interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.power_cycle(node_id))
-        self._at_once(after_s)
+        self._between(after_s, None, lambda: self._interference.power_cycle(node_id))
 
     def bus_off(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
         """Put a node's controller bus-off.
@@ -166,9 +164,7 @@ class FaultInjection:
 
     def send(self, frame: Frame, *, after_s: float = 0.0) -> None:
         """Send a frame as another participant."""
-        interference = self._interference
-        interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.put(frame))
-        self._at_once(after_s)
+        self._between(after_s, None, lambda: self._interference.put(frame))
 
     # -- contacts of a drive --------------------------------------------------------------------------------------------
 
@@ -210,13 +206,12 @@ class FaultInjection:
 
     # -- how -----------------------------------------------------------------------------------------------------------
 
-    def _between(self, after_s: float, for_s: float | None, begin: Callable[[], None], end: Callable[[], None]) -> None:
+    def _between(
+        self, after_s: float, for_s: float | None, begin: Callable[[], None], end: Callable[[], None] | None = None
+    ) -> None:
         begin_ns = self._interference.now_ns() + round(SECOND * after_s)
         end_ns = None if for_s is None else begin_ns + round(SECOND * for_s)
         self._interference.between(begin_ns, end_ns, begin, end)
-        self._at_once(after_s)
-
-    def _at_once(self, after_s: float) -> None:
         if not after_s and self._target.robot is not None:
             self._interference.run_due()
 

@@ -6,31 +6,26 @@ from functools import partial
 from typing import NoReturn
 
 from hil.can.frame import Frame
-from plant_emulator.bus.faults import BusEvent, BusFaults, Fault, Passage
+from plant_emulator.bus.faults import BusFaults, Fault, Passage
 from plant_emulator.pytest_plugin.artefacts import FrameLog
 
 
-class LiveFaults:
-    """Faults of frames that may be added at any time.
-
-    A wire accepts them as well.
-    """
-
-    events: tuple[BusEvent, ...] = ()
+class LiveFaults(BusFaults):
+    """Faults of frames that may be added at any time."""
 
     def __init__(self) -> None:
-        self.faults: list[BusFaults] = []
+        super().__init__(())
+        self.added: list[BusFaults] = []
 
     def add(self, fault: Fault) -> BusFaults:
         """Add a fault after the others; the result counts its `hits`."""
-        added = BusFaults((fault,), seed=len(self.faults))
-        self.faults.append(added)
-        return added
+        self.added.append(BusFaults((fault,), seed=len(self.added)))
+        return self.added[-1]
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
         """Return the frames that replace one: none, one or several."""
         passages: tuple[Passage, ...] = (Passage(frame),)
-        for fault in self.faults:
+        for fault in self.added:
             passages = tuple(
                 passage._replace(delay_ns=before.delay_ns + passage.delay_ns, destroyed=before.destroyed + passage.destroyed)
                 for before in passages
@@ -76,10 +71,10 @@ class Interference:
         self._ends: list[Callable[[], None]] = []
         self._order = 0
 
-    def join(self, now_ns: Callable[[], int], put: Callable[[Frame], None], lose: Callable[[bool], None]) -> None:
-        """Interfere with a bus; `lose` makes it fail or gives it back."""
+    def join(self, now_ns: Callable[[], int], put: Callable[[Frame], None], bus: object) -> None:
+        """Interfere with a bus, which fails while its `lost` is True."""
         self.now_ns, self.put = now_ns, put
-        self.pull, self.push = partial(lose, True), partial(lose, False)
+        self.pull, self.push = partial(setattr, bus, "lost", True), partial(setattr, bus, "lost", False)
 
     @property
     def due_ns(self) -> int | None:
@@ -94,16 +89,20 @@ class Interference:
         self._order += 1
         heapq.heappush(self._planned, (instant_ns, self._order, action))
 
-    def between(self, begin_ns: int, end_ns: int | None, begin: Callable[[], None], end: Callable[[], None]) -> None:
+    def between(
+        self, begin_ns: int, end_ns: int | None, begin: Callable[[], None], end: Callable[[], None] | None = None
+    ) -> None:
         """Plan a temporary condition; without an end it lasts all the test.
 
         Args:
             begin_ns: Begin, in the time of the bench.
             end_ns: End, in the same time; None: the end of the test.
             begin: Called at the begin.
-            end: Called at the end, and once more at the end of the test.
+            end: Called at the end, and once more at the end of the test; None: there is nothing to end.
         """
         self.at(begin_ns, begin)
+        if end is None:
+            return
         if end_ns is not None:
             self.at(end_ns, end)
         self._ends.append(end)
@@ -115,9 +114,9 @@ class Interference:
 
     def end(self) -> None:
         """End all faults and restore the bus."""
-        self.frames.faults.clear()
+        self.frames.added.clear()
         if self.wire is not None:
-            self.wire.faults.clear()
+            self.wire.added.clear()
         self._planned.clear()
         while self._ends:
             self._ends.pop()()

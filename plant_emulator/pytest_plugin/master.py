@@ -38,15 +38,6 @@ class BenchSession(Session):
     def __exit__(self, *_: object) -> None:
         """Do nothing: the fixture opens and closes the session."""
 
-    @contextmanager
-    def moving(self) -> Iterator[None]:
-        """Let Ctrl-C end a motion by a ramp, then the tests.
-
-        At other times Ctrl-C is pytest's own.
-        """
-        with self.interruptible():
-            yield
-
     def run(
         self,
         motion: Motion,
@@ -66,7 +57,7 @@ class BenchSession(Session):
         if self.held is not None:
             what = "hil_drive holds its drive enabled, and a run needs it disabled"
             raise NotPossibleError(f"{what}; use hil_session without hil_drive")
-        with self.moving():
+        with self.interruptible():  # at other times Ctrl-C is pytest's own
             result = super().run(motion, filters, loop, adder, fixed, shows_filter=shows_filter)
         axes = "-".join(map(str, motion.axes))
         self.target.artefacts.add_run(f"axis-{axes}-{loop}-{filters}", result)

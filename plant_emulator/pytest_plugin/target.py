@@ -36,7 +36,7 @@ class RealChannel(OneByOne):
         self.address = inner.address
         self.is_lock_step, self.waits = inner.is_lock_step, inner.waits
         self.lost = False
-        interference.join(time.monotonic_ns, inner.send, self._lose)
+        interference.join(time.monotonic_ns, inner.send, self)
 
     @property
     def overflows(self) -> int | None:
@@ -63,9 +63,6 @@ class RealChannel(OneByOne):
     def close(self) -> None:
         """Leave the bus."""
         self._inner.close()
-
-    def _lose(self, lost: bool) -> None:
-        self.lost = lost
 
     def _check(self) -> None:
         if self.lost:

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.control.treatments import TreatmentName
-from hil.design.notch_search import Effort
 from hil.emulator import EmulatorProcess
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.treatment import Knowledge
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.estimates import facts_of, quantities_of
 from plant_emulator.rehearsal.gear import ALL_AROUND_RAD
 from plant_emulator.rehearsal.over_bus import StepsOverBus
@@ -30,10 +28,6 @@ from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.rehearsal.without import PathEnd, tip_without
 from plant_emulator.robots.blank_bench import file_text
 from plant_emulator.robots.robot import Robot
-from plant_emulator.world import World
-
-SMALL_EFFORT = Effort(16, 6, 6, 2)
-"""Effort of the notch's search in a rehearsal: a tenth of the quick one."""
 
 RUNS: dict[str, tuple[TreatmentName, tuple[str, ...]]] = {
     "none": ("none", ()),
@@ -52,21 +46,17 @@ class PathOptions:
     """Options of a path.
 
     Attributes:
-        axis: The axis that is treated; None for the robot's first.
         over_bus: Go over a bus: a served robot, and the tools as processes.
         with_design: Design a notch.
         with_probes: Try wrong corrections.
         with_causes: Look whether the cause that the product names for what it leaves is the true one.
-        effort: Effort of the notch's search; over a bus it is that of `--quick`.
         keeps_files: Keep recordings and results in the folder; otherwise only the model files stay.
     """
 
-    axis: int | None = None
     over_bus: bool = False
     with_design: bool = True
     with_probes: bool = True
     with_causes: bool = True
-    effort: Effort = SMALL_EFFORT
     keeps_files: bool = False
 
 
@@ -105,7 +95,7 @@ class _Path:
     left_out: dict[str, Sequence[Part]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.axis = min(self.bench.axis) if self.options.axis is None else self.options.axis
+        self.axis = min(self.bench.axis)
         self.result = PathRecord(self.robot.name, self.robot.seed, self.axis, self.options.over_bus)
         self.files = PathFiles(self.folder)
 
@@ -143,9 +133,9 @@ class _Path:
     def _steps(self) -> Iterator[Steps]:
         """Return the steps on the robot behind its bus."""
         if not self.options.over_bus:
-            channel = InProcessChannel(World(self.robot), bitrate=self.robot.bus.bitrate, is_logged=False)
-            yield StepsInProcess(self.bench, self.axis, self.files, channel, self.options.effort)
-            self.result.simulated_s = channel.syncs * self.robot.sync_period_s
+            steps = StepsInProcess(self.robot, self.bench, self.axis, self.files)
+            yield steps
+            self.result.simulated_s = steps.channel.syncs * self.robot.sync_period_s
             return
         file = self.folder / "robot.toml"
         file.write_text(file_text(self.robot), encoding="utf-8")

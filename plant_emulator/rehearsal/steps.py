@@ -7,7 +7,6 @@ from typing import ClassVar, NamedTuple
 from hil.bench.bench import Bench
 from hil.bench.design import load_designs, update_designs
 from hil.bench.model import Identified, load_identified, update_file
-from hil.can.channel import Channel
 from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
 from hil.errors import HilError
@@ -24,7 +23,12 @@ from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.results.ate import AteResult
 from hil.results.runs import CancellationTrial, ExperimentsResult
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.robots.robot import Robot
+from plant_emulator.world import World
 
+SMALL_EFFORT = Effort(16, 6, 6, 2)
+"""Effort of the notch's search in a rehearsal: a tenth of the quick one."""
 Note = str | None
 """Words of a step that is done, with less than was asked."""
 
@@ -93,35 +97,41 @@ class PathFiles:
         return Knowledge(self.identified(), designs, load_identified(self.learnt) if is_learnt else None)
 
 
-class StepsInProcess:
-    """Steps by the product's functions, on a channel of this process."""
+def channel_of(robot: Robot) -> InProcessChannel:
+    """Return a bus of this process for a robot of its own; nobody reads single frames."""
+    return InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
 
-    def __init__(self, bench: Bench, axis: int, files: PathFiles, channel: Channel, effort: Effort) -> None:
-        self._bench, self._axis, self._files, self._channel, self._effort = bench, axis, files, channel, effort
+
+class StepsInProcess:
+    """Steps by the product's functions, on a robot of this process."""
+
+    def __init__(self, robot: Robot, bench: Bench, axis: int, files: PathFiles) -> None:
+        self.channel = channel_of(robot)
+        self._bench, self._axis, self._files = bench, axis, files
 
     def plant(self) -> Note:
         """Identify the plant."""
         outcome = run_identify_plant(
-            self._bench, PlantRequest(self._axis), self._out("plant"), model=self._files.model, channel=self._channel
+            self._bench, PlantRequest(self._axis), self._out("plant"), model=self._files.model, channel=self.channel
         )
-        _raise(outcome.failure)
+        raise_failure(outcome.failure)
         return None
 
     def ate(self) -> Note:
         """Identify the ATE, and add it to the model file."""
         outcome = identify_ate(
-            self._bench, AteRequest(self._axis), self._out("ate"), self._files.identified(), channel=self._channel
+            self._bench, AteRequest(self._axis), self._out("ate"), self._files.identified(), channel=self.channel
         )
-        _raise(outcome.failure)
+        raise_failure(outcome.failure)
         if outcome.part is not None:
             update_file(self._files.model, self._bench.name, self._axis, outcome.part)
         return note_of_error(outcome.result)
 
     def design(self) -> Note:
         """Design a notch, and write it into the design file."""
-        outcome = design(self._bench, NotchDesignRequest(self._axis, effort=self._effort), self._files.identified())
+        outcome = design(self._bench, NotchDesignRequest(self._axis, effort=SMALL_EFFORT), self._files.identified())
         if not outcome.is_usable:
-            _raise(outcome.failure)
+            raise_failure(outcome.failure)
         update_designs(self._files.designs, self._bench.name, self._axis, designed_axis(outcome))
         return None if outcome.failure is None else str(outcome.failure)
 
@@ -129,16 +139,16 @@ class StepsInProcess:
         """Run the user's motion with a treatment."""
         experiment = Experiment("constant-acceleration", self._axis, treatment)
         knowledge = self._files.knowledge(is_learnt=is_learnt)
-        outcome = run_experiments(self._bench, [experiment], self._out(treatment), knowledge=knowledge, channel=self._channel)
-        _raise(outcome.failure)
+        outcome = run_experiments(self._bench, [experiment], self._out(treatment), knowledge=knowledge, channel=self.channel)
+        raise_failure(outcome.failure)
         return note_of_run(outcome.result)
 
     def learn(self) -> Note:
         """Learn the ATE from what is known, into its own model file."""
         files, request = self._files, LearnRequest((self._axis,))
         known = files.model if files.model.exists() else None
-        outcome = learn_on_bus(self._bench, request, self._out("learn"), files.learnt, plant=known, channel=self._channel)
-        _raise(outcome.failure)
+        outcome = learn_on_bus(self._bench, request, self._out("learn"), files.learnt, plant=known, channel=self.channel)
+        raise_failure(outcome.failure)
         return None
 
     def _out(self, name: str) -> Path:
@@ -172,6 +182,7 @@ def note_of_run(result: ExperimentsResult) -> RunNote:
     return RunNote(note, left_out, rest.causes, rest.words, rest.left_mm, rest.noise_mm)
 
 
-def _raise(failure: Exception | None) -> None:
+def raise_failure(failure: Exception | None) -> None:
+    """Raise what has ended a measurement, if anything has."""
     if failure is not None:
         raise failure

@@ -20,10 +20,9 @@ from hil.experiments.treatment import Knowledge
 from hil.master.motion import FilterUse
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
-from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.rehearsal.steps import channel_of
 from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, tracked_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
-from plant_emulator.world import World
 
 SAMPLES_PER_SWING = 12.0
 """Samples of the true tip in a period of f_al: order 4 at the end of order 2's window, 2.6 f_al, has more than four."""
@@ -67,11 +66,11 @@ class Survey:
             model = knowledge.identified
         elif treatment == "cancellation_learnt":
             model = knowledge.learnt
-        return self._tip(self._robot, bench, filters, model, left_out)
+        return self._tip(bench, filters, model, left_out)
 
     def cancelled(self, model: Identified, left_out: Collection[Part]) -> TrueTip:
         """Return the true tip by order under a model's cancellation, mm."""
-        return self._tip(self._robot, self._bench, "none", model, left_out)
+        return self._tip(self._bench, "none", model, left_out)
 
     def floor(self) -> TrueTip:
         """Return the true tip by order without an ATE, mm."""
@@ -81,10 +80,8 @@ class Survey:
         where = recording, self._axis, self._f_al_hz
         return TrueTip(tip_by_order_mm(*where), tracked_by_order_mm(*where))
 
-    def _tip(
-        self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
-    ) -> TrueTip:
-        recording = self._record(robot, bench, filters, model, left_out)
+    def _tip(self, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]) -> TrueTip:
+        recording = self._record(self._robot, bench, filters, model, left_out)
         if recording is None:
             return TrueTip({}, {})
         where, perfect = (recording, self._axis, self._f_al_hz), self._with_perfect_gears()
@@ -123,7 +120,7 @@ class Survey:
 @contextmanager
 def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
     """Open a session on a robot of its own."""
-    with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False), BusLog(None)) as session:
+    with Session(bench, channel_of(robot), BusLog(None)) as session:
         session.bring_up()
         yield session
 

@@ -65,12 +65,6 @@ def with_quick_bus(robot: Robot, bench: Bench, axis: int) -> Pair:
     return quick, bench.model_copy(update={"bus": bus})
 
 
-def without_noise(robot: Robot) -> Robot:
-    """Return the robot with an accelerometer without noise and steps."""
-    still = robot.accelerometer.model_copy(update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0})
-    return robot.model_copy(update={"accelerometer": still})
-
-
 REMOVED: dict[str, Callable[[Robot, Bench, int], Pair]] = {
     "gear reaction": without_reaction,
     "speed limit": without_speed_limit,
@@ -116,7 +110,8 @@ def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, B
         if cause in REMOVED:
             robot, bench = REMOVED[cause](robot, bench, axis)
     if "sensor noise" in causes:
-        return rerun(without_noise(robot), bench)
+        still = robot.accelerometer.model_copy(update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0})
+        return rerun(robot.model_copy(update={"accelerometer": still}), bench)
     known = model.axis[axis].ate
     if KNOWN_BETTER & set(causes) and known is not None:
         true = known.model_copy(update={"values": robot.axis[axis].apparent_ate, "standard_error": {}, "correlation": None})

@@ -180,8 +180,16 @@ def driven(draws: Draws, ratio: float, motor: float, inertia: float, antiresonan
         "static_friction_nm": rounded(coulomb * draws("stribeck")),
         "stribeck_velocity_rad_s": draws("stribeck_velocity"),
         "encoder_counts_per_rev": 2 ** int(draws("encoder_bits")),
-        "encoder": _motor_encoder(draws),
-        "ate": _transmission_error(draws),
+        "encoder": MotorEncoder(
+            error_1_arcsec=draws("encoder_error_1"),
+            phase_1_deg=draws("encoder_phase_1"),
+            error_2_arcsec=draws("encoder_error_2"),
+            phase_2_deg=draws("encoder_phase_2"),
+            noise_counts=draws("encoder_noise"),
+        ),
+        "ate": TransmissionErrorTable.of(
+            {order: draws(f"a{order}") for order in ORDERS}, {order: draws(phase_key(order)) for order in ORDERS}
+        ),
         "gear_reaction": bool(draws("gear_reaction")),
     }
 
@@ -214,24 +222,6 @@ def _axis(draws: Draws, kind: Kind, number: int, late_us: int) -> RobotAxis:
         current_time_constant_s=0.0 if is_linear or lag_s < 0.5 * step_s else lag_s,
         behaviour=Behaviour(tpdo_delay_us=late_us),
     )
-
-
-def _motor_encoder(draws: Draws) -> MotorEncoder:
-    """Draw the errors of an encoder, which a data sheet bounds and whose phases are anything."""
-    return MotorEncoder(
-        error_1_arcsec=draws("encoder_error_1"),
-        phase_1_deg=draws("encoder_phase_1"),
-        error_2_arcsec=draws("encoder_error_2"),
-        phase_2_deg=draws("encoder_phase_2"),
-        noise_counts=draws("encoder_noise"),
-    )
-
-
-def _transmission_error(draws: Draws) -> TransmissionErrorTable:
-    """Draw an ATE with any phases."""
-    phases: dict[float, float] = {order: draws(phase_key(order)) for order in ORDERS}
-    amplitudes: dict[float, float] = {order: draws(f"a{order}") for order in ORDERS}
-    return TransmissionErrorTable.of(amplitudes, phases)
 
 
 def antiresonance_hz(axis: RobotAxis) -> float:

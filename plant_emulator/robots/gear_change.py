@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
@@ -81,29 +81,10 @@ class GearTemperature(Table):
     time_constant_s: Positive = 1800.0
 
 
-class ChangingAxis(Protocol):
-    """Keys of an axis for the changes of its gear."""
-
-    @property
-    def ate(self) -> TransmissionErrorTable:
-        """The error when the gear is new."""
-
-    @property
-    def ate_change(self) -> tuple[ErrorChange, ...]:
-        """Its changes, by order."""
-
-    @property
-    def temperature(self) -> GearTemperature:
-        """Temperature, and what it follows from."""
-
-
 def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable, most_load_nm: float) -> None:
     """Refuse changes of missing orders, and amplitudes that turn negative.
 
-    Args:
-        changes: Lines of the axis.
-        error: Its transmission error.
-        most_load_nm: Torque of the gear at the motor's torque limit.
+    `most_load_nm` is the torque of the gear at the motor's torque limit.
 
     Raises:
         ValueError: The message names the order.
@@ -124,16 +105,17 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
             )
 
 
-def write_change(axis: ChangingAxis, row: Any) -> None:
+def write_change(changes: Sequence[ErrorChange], error: TransmissionErrorTable, heat: GearTemperature, row: Any) -> None:
     """Write the ATE's changes and state at switch-on into an `AXIS` record.
 
     Args:
-        axis: The axis of the robot file; its plant is in the record already.
-        row: The record, changed in place.
+        changes: Lines of the axis.
+        error: Its transmission error when the gear is new.
+        heat: Its temperature, and what that follows from.
+        row: The record, changed in place; the axis' plant is in it already.
     """
-    heat = axis.temperature
     row["past"]["temperature_c"] = heat.start_c
-    if not axis.ate_change:
+    if not changes:
         return
     change, plant = row["change"], row["plant"]
     change["is_changing"] = 1.0
@@ -142,8 +124,8 @@ def write_change(axis: ChangingAxis, row: Any) -> None:
     change["step_s"] = math.inf
     named = (plant["a1_rad"], plant["a2_rad"], plant["a4_rad"]), (plant["phi1_rad"], plant["phi2_rad"], plant["phi4_rad"])
     change["a_rad"], change["phi_rad"] = (*named[0], *plant["more_rad"]), (*named[1], *plant["more_phi_rad"])
-    lines = {line.order: line for line in axis.ate_change}
-    for i, order in enumerate((*ORDERS, *(line.order for line in axis.ate.more))):
+    lines = {line.order: line for line in changes}
+    for i, order in enumerate((*ORDERS, *(line.order for line in error.more))):
         line = lines.get(order, lines.get(None))
         if line is not None:
             _write_line(line, change, i)

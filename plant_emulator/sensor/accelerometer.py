@@ -1,12 +1,12 @@
 """The emulated accelerometer, a CiA 404 node."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from drive_profiles.standard.cia301 import DataType
-from hil.can.frame import Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary.manufacturer_objects import REVISION, VENDOR_ID, cycle_period_entry
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType
@@ -28,36 +28,22 @@ _CHANNELS = ("X", "Y", "Z")
 
 def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
     """Return the accelerometer's entries: CiA 404 inputs 1–3, X to Z."""
-    entries = list(
-        communication_entries(
-            device_type=DEVICE_TYPE,
-            name="Emulated accelerometer",
-            software_version="1.0",
-            vendor_id=VENDOR_ID,
-            product_code=PRODUCT_CODE,
-            revision=REVISION,
-            serial_number=serial_number,
-        )
-    )
+    identity = {"vendor_id": VENDOR_ID, "product_code": PRODUCT_CODE, "revision": REVISION, "serial_number": serial_number}
+    entries = communication_entries(device_type=DEVICE_TYPE, name="Emulated accelerometer", **identity)
     entries.append(cycle_period_entry())
     mapped = tuple((PROCESS_VALUE, sub, 16) for sub in (1, 2, 3))
     entries += pdo_entries(tpdos=(PdoDefault(mapped, transmission_type=1),))
     for sub, axis in enumerate(_CHANNELS, start=1):
-        entries.append(
-            Entry(PROCESS_VALUE, sub, f"Acceleration {axis}", DataType.INTEGER16, Access.RO, 0, mappable=True,
-                  record_name="AI input process value", object_type=ObjectType.ARRAY)
-        )  # fmt: skip
-        entries.append(
-            Entry(PHYSICAL_UNIT, sub, f"Unit {axis}", DataType.UNSIGNED32, Access.CONST, METRE_PER_SECOND_SQUARED,
-                  record_name="AI physical unit process value", object_type=ObjectType.ARRAY)
-        )  # fmt: skip
-        entries.append(
-            Entry(DECIMAL_DIGITS, sub, f"Digits {axis}", DataType.UNSIGNED8, Access.CONST, DIGITS,
-                  record_name="AI decimal digits process value", object_type=ObjectType.ARRAY)
-        )  # fmt: skip
-        entries.append(
-            Entry(STATUS, sub, f"Status {axis}", DataType.UNSIGNED8, Access.RO, 0, mappable=True,
-                  record_name="AI status", object_type=ObjectType.ARRAY)
+        array = partial(Entry, subindex=sub, object_type=ObjectType.ARRAY)
+        entries += (
+            array(PROCESS_VALUE, name=f"Acceleration {axis}", data_type=DataType.INTEGER16, access=Access.RO, default=0,
+                  mappable=True, record_name="AI input process value"),
+            array(PHYSICAL_UNIT, name=f"Unit {axis}", data_type=DataType.UNSIGNED32, access=Access.CONST,
+                  default=METRE_PER_SECOND_SQUARED, record_name="AI physical unit process value"),
+            array(DECIMAL_DIGITS, name=f"Digits {axis}", data_type=DataType.UNSIGNED8, access=Access.CONST,
+                  default=DIGITS, record_name="AI decimal digits process value"),
+            array(STATUS, name=f"Status {axis}", data_type=DataType.UNSIGNED8, access=Access.RO, default=0,
+                  mappable=True, record_name="AI status"),
         )  # fmt: skip
     return entries
 
@@ -76,13 +62,14 @@ class AccelerometerNode(SlaveNode):
     Attributes:
         shared: What the node shows, in C: a `tip_node`.
         channels: Process values of X, Y and Z.
+        measure: Gives the sensor's output of this instant.
     """
 
     def __init__(
         self, node_id: int, measure: Callable[[], tuple[float, float, float]], range_m_s2: float, **options: Any
     ) -> None:
         """Make the node; it measures nothing before the first SYNC."""
-        self._measure = measure
+        self.measure = measure
         rows = np.zeros(1, CORE.dtype("tip_node"))
         rows["range_m_s2"], rows["steps_per_m_s2"] = range_m_s2, 10.0**DIGITS
         self.shared = CORE.pointer(rows, "tip_node")
@@ -94,18 +81,9 @@ class AccelerometerNode(SlaveNode):
         self.channels = [dictionary.cell(PROCESS_VALUE, channel + 1) for channel in range(len(_CHANNELS))]
         self.slave = Slave(node_id, dictionary, **options)
 
-    def power_on(self, now: int) -> list[Frame]:
-        """Start; return the boot-up frame."""
-        return self.slave.power_on(now)
-
-    @property
-    def measure(self) -> Callable[[], tuple[float, float, float]]:
-        """Function that gives the sensor's output of this instant."""
-        return self._measure
-
     def sample(self) -> None:
         """Measure all channels.
 
         CiA 404 status bit 0 is "not valid", here a channel at the end of its range.
         """
-        CORE.call.show_sample(self.shared, self._measure())
+        CORE.call.show_sample(self.shared, self.measure())

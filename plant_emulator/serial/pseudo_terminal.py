@@ -9,14 +9,6 @@ MAX_BACKLOG_BYTES = 1 << 16
 READ_BYTES = 4096
 
 
-class PathTakenError(Exception):
-    """Path that is taken by something other than our leftover link."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-        super().__init__(f"{path} exists and is not a link to a pseudo-terminal")
-
-
 class PseudoTerminal:
     """The device's end of a pseudo-terminal; nothing here ever blocks.
 
@@ -35,7 +27,7 @@ class PseudoTerminal:
             max_backlog_bytes: Most bytes that wait for a reader, beyond those that the kernel keeps.
 
         Raises:
-            PathTakenError: Something else is at `link`.
+            FileExistsError: Something other than a stale link is at `link`.
             OSError: No pseudo-terminal, or the link cannot be made.
         """
         self.dropped = 0
@@ -57,7 +49,7 @@ class PseudoTerminal:
         if path.is_symlink() and os.readlink(link).startswith("/dev/pts/"):
             path.unlink()
         elif path.is_symlink() or path.exists():
-            raise PathTakenError(link)
+            raise FileExistsError(f"{link} exists and is not a link to a pseudo-terminal")
         path.symlink_to(self._name)
         return link
 

@@ -406,10 +406,7 @@ class Dictionary:
     def wrap_write(self, index: int, subindex: int, wrap: Callable[[WriteHook | None], WriteHook]) -> None:
         """Put another write hook around the one that an entry has.
 
-        Args:
-            index: Index of the entry.
-            subindex: Its sub-index.
-            wrap: Returns the new hook for the present one (None if there is none), which it calls or replaces.
+        `wrap` returns the new hook for the present one (None if there is none), which it calls or replaces.
 
         Raises:
             KeyError: There is no such entry.

@@ -8,51 +8,30 @@ in decimals.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 
-from drive_profiles.standard.cia301 import DataType, Value, encode
+from drive_profiles.standard.cia301 import Value, encode
 from drive_profiles.standard.cia305 import BIT_TIMINGS
 from plant_emulator.slave.dictionary import Dictionary, Entry, ObjectType
 from plant_emulator.slave.pdo.setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 
-BIT_RATES = tuple(sorted(rate // 1000 for rate in BIT_TIMINGS.values()))
-"""Bit rates in kbit/s for which an EDS has a key."""
+GRANULARITY = 1
+"""Bits of the smallest thing that a PDO carries; with 1, BOOLEAN may be a dummy too."""
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
 _DUMMIES = range(1, 8)
 _IDENTITY = 0x1018
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceInfo:
-    """The part of an EDS that is not about objects.
-
-    Attributes:
-        description: One line for the head of the file.
-        bit_rates: In kbit/s, those that the device supports.
-        granularity: Bits of the smallest object that a PDO may carry; 1 also permits BOOLEAN as a dummy.
-        lss_supported: True if it is an LSS slave (CiA 305).
-        simple_boot_up_slave: True if it enters Pre-operational by itself and waits there for its master.
-    """
+class DeviceInfo(NamedTuple):
+    """The names in an EDS; `description` is one line for the head of the file."""
 
     file_name: str
     vendor_name: str
     product_name: str
     order_code: str = ""
     description: str = ""
-    bit_rates: tuple[int, ...] = BIT_RATES
-    granularity: int = 8
-    lss_supported: bool = False
-    simple_boot_up_slave: bool = True
-
-    def __post_init__(self) -> None:
-        """Refuse a value for which an EDS has no key."""
-        unknown = sorted(set(self.bit_rates) - set(BIT_RATES))
-        if unknown:
-            raise ValueError(f"bit rates {unknown} kbit/s are not among {BIT_RATES}")
-        if not 1 <= self.granularity <= 64:
-            raise ValueError(f"granularity {self.granularity} bits: expected 1 to 64")
 
 
 def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
@@ -64,7 +43,8 @@ def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
         ValueError: A default or a name does not fit into an INI file.
     """
     objects = {index: list(entries) for index, entries in groupby(dictionary, key=lambda entry: int(entry.index))}  # in a range
-    lines = [*_file_info(info), *_device_info(dictionary, info), *_dummy_usage(info.granularity), *_comments(dictionary)]
+    lines = [*_file_info(info), *_device_info(dictionary, info)]
+    lines += [*_section("DummyUsage", {f"Dummy{i:04X}": 1 for i in _DUMMIES}), *_comments(dictionary)]
     lines += _object_list("MandatoryObjects", [i for i in objects if i in _MANDATORY])
     lines += _object_list("OptionalObjects", [i for i in objects if i not in _MANDATORY and i not in _MANUFACTURER])
     lines += _object_list("ManufacturerObjects", [i for i in objects if i in _MANUFACTURER])
@@ -114,15 +94,15 @@ def _device_info(dictionary: Dictionary, info: DeviceInfo) -> Iterator[str]:
             "ProductNumber": f"0x{product:08X}",
             "RevisionNumber": f"0x{revision:08X}",
             "OrderCode": info.order_code,
-            **{f"BaudRate_{rate}": int(rate in info.bit_rates) for rate in BIT_RATES},
+            **{f"BaudRate_{rate // 1000}": 1 for rate in sorted(BIT_TIMINGS.values())},
             "SimpleBootUpMaster": 0,
-            "SimpleBootUpSlave": int(info.simple_boot_up_slave),
-            "Granularity": info.granularity,
+            "SimpleBootUpSlave": 1,
+            "Granularity": GRANULARITY,
             "DynamicChannelsSupported": 0,
             "GroupMessaging": 0,
             "NrOfRXPDO": _count(dictionary, RPDO_COMMUNICATION),
             "NrOfTXPDO": _count(dictionary, TPDO_COMMUNICATION),
-            "LSS_Supported": int(info.lss_supported),
+            "LSS_Supported": 1,
             "CompactPDO": 0,
         },
     )
@@ -130,11 +110,6 @@ def _device_info(dictionary: Dictionary, info: DeviceInfo) -> Iterator[str]:
 
 def _count(dictionary: Dictionary, first: int) -> int:
     return sum(first <= entry.index < first + 0x200 and entry.subindex == 1 for entry in dictionary)
-
-
-def _dummy_usage(granularity: int) -> Iterator[str]:
-    # BOOLEAN is one bit wide: it can be a dummy where PDOs are not made of whole bytes.
-    return _section("DummyUsage", {f"Dummy{i:04X}": int(i != DataType.BOOLEAN or granularity == 1) for i in _DUMMIES})
 
 
 def _comments(dictionary: Dictionary) -> Iterator[str]:

@@ -29,7 +29,7 @@ from plant_emulator.slave.pdo.engine import PdoEngine
 from plant_emulator.slave.pdo.rpdo import Rpdo
 from plant_emulator.slave.pdo.tpdo import Tpdo
 from plant_emulator.slave.sdo.channels import SdoChannels
-from plant_emulator.slave.sdo.server import DEFAULT_BLOCK_SIZE, SdoServer, is_read
+from plant_emulator.slave.sdo.server import SdoServer, is_read
 from plant_emulator.slave.store import ParameterStore, StoreCommand, standard_commands
 from plant_emulator.slave.sync import SyncConsumer
 from plant_emulator.slave.time_of_day import TimeConsumer
@@ -56,7 +56,6 @@ class Slave:
         dictionary: Must have at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
-        sdo_block_size: Segments of a block download between two acknowledgements.
         store_commands: Entries that store or restore; those that the dictionary does not have are left out.
         store_time_ns: Duration of storing.
         autostart: The node becomes operational by itself after its boot-up message.
@@ -86,7 +85,6 @@ class Slave:
         *,
         sdo_max_bytes: int = 1024,
         sdo_timeout_ns: int = 5_000_000_000,
-        sdo_block_size: int = DEFAULT_BLOCK_SIZE,
         store_commands: Sequence[StoreCommand] = standard_commands(),
         store_time_ns: int = 0,
         autostart: bool = False,
@@ -108,9 +106,7 @@ class Slave:
         self._out: list[Frame] = []
         self._event_driven: list[Tpdo] = []
         self._routes: dict[int, Callable[[bytes, int], None]] = {}
-        make_server = partial(
-            SdoServer, dictionary, max_bytes=sdo_max_bytes, timeout_ns=sdo_timeout_ns, block_size=sdo_block_size
-        )
+        make_server = partial(SdoServer, dictionary, max_bytes=sdo_max_bytes, timeout_ns=sdo_timeout_ns)
         self._sdo = SdoChannels(dictionary, make_server, self._route)
         self.lss = LssSlave(dictionary, node_id, lambda: not self.store.fails, self._start_configured)
         self.emergencies = EmergencyProducer(dictionary, self._send, self._clock, self._reschedule)
@@ -217,7 +213,8 @@ class Slave:
         self._set_time(now)
         self._out.clear()
         self._reset(ResetKind.NODE)
-        return self._finish()
+        self._reschedule()
+        return self.take_frames()
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
         """Return the answers to a frame.
@@ -291,10 +288,6 @@ class Slave:
     def _send(self, frame: Frame) -> None:
         self._out.append(frame)
         self.on_due()
-
-    def _finish(self) -> list[Frame]:
-        self._reschedule()
-        return self.take_frames()
 
     def _reschedule(self) -> None:
         due = _NEVER
@@ -455,6 +448,10 @@ class SlaveNode:
     def due(self) -> int | None:
         """Next instant, in ns, at which `advance` must be called."""
         return self.slave.due
+
+    def power_on(self, now: int) -> list[Frame]:
+        """Start; return the boot-up frame."""
+        return self.slave.power_on(now)
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
         """Process a frame from the bus; return the node's answers."""

@@ -28,28 +28,14 @@ def communication_entries(
     *,
     device_type: int,
     name: str,
-    hardware_version: str = HARDWARE_VERSION,
-    software_version: str = "1.0",
     vendor_id: int = 0,
     product_code: int = 0,
     revision: int = 0,
     serial_number: int = 0,
-    heartbeat_ms: int = 0,
-    error_behaviour: int = 0,
 ) -> list[Entry]:
     """Return the communication objects of a node, without its PDOs.
 
-    Args:
-        device_type: 1000h.
-        name: 1008h.
-        hardware_version: 1009h, by which a master knows an emulated node.
-        software_version: 100Ah.
-        vendor_id: 1018h:01h, with product code, revision and serial number after it.
-        product_code: 1018h:02h.
-        revision: 1018h:03h.
-        serial_number: 1018h:04h.
-        heartbeat_ms: Default of 1017h; 0 sends none.
-        error_behaviour: Default of 1029h:01h, what a lost heartbeat does: 0 pre-operational, 1 nothing, 2 stopped.
+    The arguments are 1000h, 1008h, and 1018h:01h to 04h.
     """
     ro, rw, const, text = Access.RO, Access.RW, Access.CONST, DataType.VISIBLE_STRING
     emcy = int(FunctionCode.EMERGENCY)
@@ -60,20 +46,20 @@ def communication_entries(
         Entry(sync.COB_ID, 0, "COB-ID SYNC", U32, rw, int(FunctionCode.SYNC)),
         Entry(sync.WINDOW, 0, "Synchronous window length", U32, rw, 0),
         Entry(0x1008, 0, "Manufacturer device name", text, const, name),
-        Entry(0x1009, 0, "Manufacturer hardware version", text, const, hardware_version),
-        Entry(0x100A, 0, "Manufacturer software version", text, const, software_version),
+        Entry(0x1009, 0, "Manufacturer hardware version", text, const, HARDWARE_VERSION),  # by which a master knows the node
+        Entry(0x100A, 0, "Manufacturer software version", text, const, "1.0"),
         Entry(guarding.GUARD_TIME, 0, "Guard time", U16, rw, 0),
         Entry(guarding.LIFE_TIME_FACTOR, 0, "Life time factor", U8, rw, 0),
         Entry(time_of_day.COB_ID, 0, "COB-ID TIME", U32, rw, CobIdBit.CONSUME | int(FunctionCode.TIME)),
         Entry(emergency.COB_ID, 0, "COB-ID EMCY", U32, rw, emcy, node_relative=True),
         Entry(emergency.INHIBIT_TIME, 0, "Inhibit time EMCY", U16, rw, 0),
         *_array(nmt.CONSUMER_TIME, "Consumer heartbeat time", rw, WATCHED_NODES),
-        Entry(nmt.PRODUCER_TIME, 0, "Producer heartbeat time", U16, rw, heartbeat_ms),
+        Entry(nmt.PRODUCER_TIME, 0, "Producer heartbeat time", U16, rw, 0),
         *_identity(vendor_id, product_code, revision, serial_number),
         Entry(sync.COUNTER_OVERFLOW, 0, "Synchronous counter overflow value", U8, rw, 0),
         *_verify_configuration(),
-        Entry(
-            ERROR_BEHAVIOUR, 1, "Communication error", U8, rw, error_behaviour, 0, 2,
+        Entry(  # what a lost heartbeat does: 0 pre-operational, 1 nothing, 2 stopped
+            ERROR_BEHAVIOUR, 1, "Communication error", U8, rw, 0, 0, 2,
             record_name="Error behaviour", object_type=ObjectType.ARRAY,
         ),
         *channel_entries(),
@@ -111,38 +97,28 @@ def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = 
     for number, (rpdo_base, tpdo_base) in enumerate(zip(RPDO_BASES, TPDO_BASES, strict=True)):
         rpdo = rpdos[number] if number < len(rpdos) else PdoDefault()
         tpdo = tpdos[number] if number < len(tpdos) else PdoDefault()
-        entries += _communication(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo, rpdo_base)
-        entries += _event_timer(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo)
-        entries += _mapping(RPDO_MAPPING + number, "RPDO mapping parameter", rpdo)
-        entries += _communication(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo, tpdo_base)
-        entries += _transmission_times(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo)
-        entries += _mapping(TPDO_MAPPING + number, "TPDO mapping parameter", tpdo)
+        entries += _pdo("RPDO", RPDO_COMMUNICATION + number, RPDO_MAPPING + number, rpdo, rpdo_base)
+        entries += _pdo("TPDO", TPDO_COMMUNICATION + number, TPDO_MAPPING + number, tpdo, tpdo_base)
     return entries
 
 
-def _communication(index: int, name: str, pdo: PdoDefault, base: FunctionCode) -> Iterator[Entry]:
+def _pdo(kind: str, index: int, mapping: int, pdo: PdoDefault, base: FunctionCode) -> Iterator[Entry]:
+    """Yield communication and mapping record of a PDO."""
     is_default_valid = base in RPDO_BASES[:2] + TPDO_BASES[:2]
     is_valid = is_default_valid if pdo.is_valid is None else pdo.is_valid
     cob_id = int(base) if is_valid else base | int(CobIdBit.INVALID)
-    yield Entry(index, 1, "COB-ID used by PDO", U32, Access.RW, cob_id, record_name=name, node_relative=True)
-    yield Entry(index, 2, "Transmission type", U8, Access.RW, pdo.transmission_type, record_name=name)
-
-
-def _transmission_times(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
-    yield Entry(index, 3, "Inhibit time", U16, Access.RW, pdo.inhibit_time, record_name=name)
-    yield from _event_timer(index, name, pdo)
-    yield Entry(index, 6, "SYNC start value", U8, Access.RW, 0, record_name=name)
-
-
-def _event_timer(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
-    yield Entry(index, 5, "Event timer", U16, Access.RW, pdo.event_timer_ms, record_name=name)
-
-
-def _mapping(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
-    yield Entry(index, 0, "Number of mapped objects", U8, Access.RW, len(pdo.mapped), record_name=name)
+    name, rw = f"{kind} communication parameter", Access.RW
+    yield Entry(index, 1, "COB-ID used by PDO", U32, rw, cob_id, record_name=name, node_relative=True)
+    yield Entry(index, 2, "Transmission type", U8, rw, pdo.transmission_type, record_name=name)
+    yield Entry(index, 5, "Event timer", U16, rw, pdo.event_timer_ms, record_name=name)
+    if kind == "TPDO":
+        yield Entry(index, 3, "Inhibit time", U16, rw, pdo.inhibit_time, record_name=name)
+        yield Entry(index, 6, "SYNC start value", U8, rw, 0, record_name=name)
+    name = f"{kind} mapping parameter"
+    yield Entry(mapping, 0, "Number of mapped objects", U8, rw, len(pdo.mapped), record_name=name)
     values = [PdoObject(*address).value for address in pdo.mapped] + [0] * (MAX_MAPPED - len(pdo.mapped))
     for position, value in enumerate(values, 1):
-        yield Entry(index, position, f"Mapped object {position}", U32, Access.RW, value, record_name=name)
+        yield Entry(mapping, position, f"Mapped object {position}", U32, rw, value, record_name=name)
 
 
 def _history() -> Iterator[Entry]:

@@ -220,25 +220,14 @@ def document(summary: Summary) -> dict[str, Any]:
         "gains": {str(number): asdict(cascade) for number, cascade in study.cascades.items()},
         "filters": {str(number): [asdict(notch) for notch in notches] for number, notches in study.filters.items()},
         "spread": study.spread.model_dump(),
-        "meeting": _fraction_document(summary.meeting),
-        "stable": _fraction_document(summary.stable),
+        "meeting": asdict(summary.meeting),
+        "stable": asdict(summary.stable),
         "faults": summary.faults,
         "percentiles": {str(percent): finite(value) for percent, value in summary.percentiles.items()},
         "nominal": run_document(study, summary.nominal),
         "worst": run_document(study, summary.worst),
         "influences": [asdict(each) for each in summary.influences],
         "explained": summary.explained,
-    }
-
-
-def _fraction_document(fraction: RunFraction) -> dict[str, Any]:
-    """Return a fraction for JSON; the file names it a share."""
-    return {
-        "count": fraction.count,
-        "runs": fraction.runs,
-        "share": fraction.fraction,
-        "low": fraction.low,
-        "high": fraction.high,
     }
 
 

@@ -10,21 +10,9 @@ Each draw of a number takes one number of its generator, however wide the distri
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-
-
-class Distribution(Protocol):
-    """How one quantity is drawn."""
-
-    def draw(self, source: np.random.Generator) -> float:
-        """Draw a value."""
-        ...
-
-
-Distributions = Mapping[str, Distribution]
-"""Distribution of each drawn quantity, by name."""
 
 
 class Even(NamedTuple):
@@ -78,3 +66,8 @@ class Chance(NamedTuple):
     def draw(self, source: np.random.Generator) -> bool:
         """Draw a value."""
         return bool(source.random() < self.probability)
+
+
+Distribution = Even | Logarithmic | Whole | OneOf | Chance
+Distributions = Mapping[str, Distribution]
+"""Distribution of each drawn quantity, by name."""

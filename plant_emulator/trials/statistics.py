@@ -17,7 +17,7 @@ class RunFraction:
 
     count: int
     runs: int
-    fraction: float
+    share: float
     low: float
     high: float
 
@@ -38,7 +38,7 @@ def fraction_text(count: int, whole: int) -> str:
         return "0 of 0"
     found = run_fraction(count, whole)
     low, high = (float(f"{100.0 * end:.2g}") for end in (found.low, found.high))  # 100, not 1e+02
-    return f"{count} of {whole}, {100.0 * found.fraction:.3g} % ({low:g}–{high:g})"
+    return f"{count} of {whole}, {100.0 * found.share:.3g} % ({low:g}–{high:g})"
 
 
 def percentiles(values: Sequence[float] | NDArray[np.float64], percents: Iterable[int] = SHOWN_PERCENT) -> dict[int, float]:

@@ -16,8 +16,8 @@ from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.faults import BusEvent, BusFaults, Fault
-from plant_emulator.bus.heard import FIRST_CLIENT
 from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.bus.instant import FIRST_CLIENT
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.motion.record import BRAKED
 from plant_emulator.rehearsal.families.made import bench_of, robot_of

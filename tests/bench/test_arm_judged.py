@@ -173,7 +173,7 @@ def test_the_displacement_that_is_judged_is_that_of_the_tip_itself(tmp_path: Pat
     robot, bench = load_robot("reference-arm"), load_bench("reference-arm")
     sensor = robot.accelerometer.model_copy(update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0})
     world = World(robot.model_copy(update={"accelerometer": sensor}))
-    measure, arm, samples = world.accelerometer._measure, world.axes.arm, list[tuple[float, ...]]()
+    measure, arm, samples = world.accelerometer.measure, world.axes.arm, list[tuple[float, ...]]()
     assert arm is not None
 
     def measured() -> tuple[float, float, float]:
@@ -181,7 +181,7 @@ def test_the_displacement_that_is_judged_is_that_of_the_tip_itself(tmp_path: Pat
         samples.append((*felt, *arm.moved[POSITION].tolist()))
         return felt
 
-    world.accelerometer._measure = measured
+    world.accelerometer.measure = measured
     with Session(bench, InProcessChannel(world), BusLog(None)) as session:
         session.bring_up()
         recording = session.run(line_motion(bench, 0.002), "none", "drive").recording

@@ -66,7 +66,7 @@ def off(found: Identification, axis: int) -> list[float]:
 def late_by(channel: InProcessChannel, cycles: float) -> None:
     """Put the accelerometer's output off by so many SYNCs, between two of them by interpolation."""
     sensor = channel.world.accelerometer
-    measure, history = sensor._measure, [(0.0, 0.0, 0.0)] * (int(cycles) + 2)
+    measure, history = sensor.measure, [(0.0, 0.0, 0.0)] * (int(cycles) + 2)
 
     def delayed() -> tuple[float, float, float]:
         history.append(measure())
@@ -76,7 +76,7 @@ def late_by(channel: InProcessChannel, cycles: float) -> None:
         x, y, z = ((1.0 - share) * a + share * b for a, b in zip(first, second, strict=True))
         return x, y, z
 
-    sensor._measure = delayed
+    sensor.measure = delayed
 
 
 # -- what is reached ---------------------------------------------------------------------------------------------------

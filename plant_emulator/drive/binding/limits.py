@@ -26,7 +26,8 @@ class DriveLimits:
     objects, or on the drive's state.
 
     Attributes:
-        is_profile_halted: True if the halt bit holds the profile at speed 0.
+        counting: Counting of the drive; after another `apply` converts the entries again.
+        is_profile_halted: True if the halt bit holds the profile at speed 0; cleared by a reset.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, counting: Counting) -> None:
@@ -106,10 +107,6 @@ class DriveLimits:
 
     # -- into force ----------------------------------------------------------------------------------------------------
 
-    def use(self, counting: Counting) -> None:
-        """Change the counting; `apply` then converts the entries again."""
-        self.counting = counting
-
     def apply(self) -> None:
         """Apply all limits, ramps and windows."""
         for apply in self._appliers:
@@ -130,10 +127,6 @@ class DriveLimits:
         """
         self.is_profile_halted = active
         self._apply_profile_speed()
-
-    def forget_halt(self) -> None:
-        """Clear the halt at a reset; `apply` then restores the profile speed."""
-        self.is_profile_halted = False
 
     def _apply_alone(self, limit: Limit, field: str) -> None:
         value = self.acting_si(limit.index)

@@ -123,7 +123,6 @@ class DriveData:
         self._torque_demands = live(axes.motion, "torque_demand_nm")
         self._target, self._offset = (self.dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
         self._set_point_hooks: dict[int, WriteHook] = {}
-        self._target_speed = self.dictionary.cell(Object.TARGET_VELOCITY)
         self._units = None
         if family.has_user_units:
             self._units = UserUnits(self.dictionary, is_powered, lambda: self.counting.scaling, self._use_units)
@@ -139,7 +138,7 @@ class DriveData:
         The entries keep their numbers, which then mean other quantities.
         """
         self.counting = counting
-        self.limits.use(counting)
+        self.limits.counting = counting
         self.on_units()
 
     def _use_units(self, scaling: Scaling) -> None:
@@ -241,10 +240,6 @@ class DriveData:
         counting = self.counting
         return target - counting.offset_counts if counting.is_encoder else counting.encoder_counts(target)
 
-    def cyclic_target_speed_rad_s(self) -> float:
-        """Return the cyclic target speed, 60FFh; the law adds 60B1h."""
-        return self.counting.speed_rad_s(self._target_speed.value)
-
     # -- what the process image knows ----------------------------------------------------------------------------------
 
     def shares(self, cell: Cell) -> bool:
@@ -332,7 +327,7 @@ class DriveData:
 
         A halt, and the zero that homing has found, are lost.
         """
-        self.limits.forget_halt()
+        self.limits.is_profile_halted = False
         self._use(self.counting.shifted(0))
         self._apply_rated_torque()
         if self._units is not None:

@@ -82,17 +82,8 @@ def drive_entries(
         serial_number: Serial number in 1018h.
         rated_current_ma: Rated current in mA.
     """
-    entries = list(
-        communication_entries(
-            device_type=DEVICE_TYPE,
-            name="Emulated servo drive",
-            software_version="1.0",
-            vendor_id=VENDOR_ID,
-            product_code=PRODUCT_CODE,
-            revision=REVISION,
-            serial_number=serial_number,
-        )
-    )
+    identity = {"vendor_id": VENDOR_ID, "product_code": PRODUCT_CODE, "revision": REVISION, "serial_number": serial_number}
+    entries = communication_entries(device_type=DEVICE_TYPE, name="Emulated servo drive", **identity)
     entries += store_entries()
     entries += cycle_entries()
     entries += _manufacturer(control_period_ns, gains)

@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache, partial
 from typing import Any
 
 from drive_profiles.standard.cia301 import SdoAbortCode
@@ -13,8 +14,10 @@ from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
 from plant_emulator.drive.dictionary.additional_encoder import FIRST
+from plant_emulator.drive.family.objects import axis_dictionary
 from plant_emulator.motion.axes import Axes, live
-from plant_emulator.slave.dictionary import Dictionary, ReadHook
+from plant_emulator.robots.robot import Robot
+from plant_emulator.slave.dictionary import Dictionary, Entry, ReadHook
 from plant_emulator.slave.store import StoreCommand, standard_commands
 
 
@@ -110,6 +113,12 @@ class OwnFamily(DriveFamily):
     set_point_timeout = (objects.SET_POINT_TIMEOUT, 0)
     has_user_units = True
 
+    def __init__(self, robot: Robot, number: int) -> None:
+        """Make the drive of an axis."""
+        axis = robot.axis[number]
+        scaling = Scaling(axis.encoder_counts_per_rev, axis.rated_torque)
+        super().__init__(axis_dictionary(_own_entries(robot, number), robot, number), scaling)
+
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
         """Bind gains and filters, and the objects that show them."""
         self._axes, self._row, self._is_powered = axes, row, is_powered
@@ -177,3 +186,25 @@ class OwnFamily(DriveFamily):
                 self._axes.notch_config[self._row, column][parameter[0]] = self.acting((objects.NOTCH_OBJECTS[column], sub))
         for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
             self._axes.motion[self._row][parameter[0]] = self.acting((objects.CANCELLATION, sub))
+
+
+_entries_of_a_kind = lru_cache(maxsize=16)(objects.drive_entries)  # they never change, so a hundred drives share them
+
+
+def _own_entries(robot: Robot, number: int) -> list[Entry]:
+    """Return the entries of the emulated drive."""
+    axis = robot.axis[number]
+    gains = (0.0, 0.0, 0.0, 300.0)
+    if axis.control is not None:
+        k = axis.control
+        gains = (k.position_gain_per_s, k.velocity_gain_nm_s_rad, k.velocity_integral_gain_nm_rad, k.lowpass_hz)
+    shared = _entries_of_a_kind(
+        encoder_counts_per_rev=axis.encoder_counts_per_rev,
+        rated_torque_mnm=axis.rated_torque_mnm,
+        max_torque_per_mille=axis.peak_per_mille,
+        control_period_ns=round(1e9 * robot.control_period_s),
+        gains=gains,
+        rated_current_ma=axis.rated_current_ma,
+    )
+    serial = (0x1018, 4)
+    return [replace(entry, default=number) if (entry.index, entry.subindex) == serial else entry for entry in shared]

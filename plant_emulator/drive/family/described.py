@@ -9,17 +9,16 @@ from drive_profiles.family.capability import FilterSection
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation import Biquad, held_filter
 from drive_profiles.standard.object_address import ObjectAddress, object_address
-from drive_profiles.standard.units import Scaling
 from hil.control.notch import NO_NOTCH, NOTCHES, FixedFilter
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
 from plant_emulator.drive.dictionary.user_units import hold_units, only
 from plant_emulator.drive.family.base import DriveFamily
-from plant_emulator.drive.family.dictionary import FamilyDictionary
+from plant_emulator.drive.family.dictionary import FamilyDictionary, vendor_scaling
 from plant_emulator.drive.family.gains import Gains
-from plant_emulator.drive.family.objects import state_abort_code
+from plant_emulator.drive.family.objects import axis_dictionary, state_abort_code
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.robot import Robot
-from plant_emulator.slave.dictionary import Dictionary, WriteHook
+from plant_emulator.slave.dictionary import WriteHook
 
 _STANDARD_UNITS = frozenset({"counts", "°"})
 """Units in which a number is what CiA 402 makes of it: positions in the drive's own steps."""
@@ -41,19 +40,24 @@ class DescribedFamily(DriveFamily):
     equal_limits_are_none = True
     unwatched_windows = frozenset({0, 2**32 - 1})
 
-    def __init__(
-        self,
-        profile: Profile,
-        robot: Robot,
-        number: int,
-        dictionary: Dictionary,
-        scaling: Scaling,
-        gains: Gains,
-        entries: FamilyDictionary,
-    ) -> None:
+    def __init__(self, profile: Profile, robot: Robot, number: int) -> None:
+        """Make the drive of an axis.
+
+        Raises:
+            ValueError: The profile is not a drive's, or states no loop.
+        """
+        if profile.kind != "drive":
+            raise ValueError(f"axis.{number}: profile {profile.name} describes an {profile.kind}; expected a drive profile")
+        if profile.loop is None:
+            raise ValueError(f"axis.{number}: {profile.name} states no loop")
+        axis = robot.axis[number]
+        scaling = vendor_scaling(profile, axis)
         self.profile, self._facts = profile.label, profile
-        super().__init__(dictionary, scaling)
-        self._gains = gains
+        self._gains = Gains(profile, profile.loop, axis, scaling)
+        if profile.load_encoder is not None and profile.load_encoder.position is not None:
+            self.load_position = object_address(profile.load_encoder.position)
+        entries = FamilyDictionary(profile, axis, number, scaling, self._gains)
+        super().__init__(axis_dictionary(entries.entries(), robot, number, self.load_position), scaling)
         self.modes = tuple(mode for mode in profile.supported_modes if mode in objects.MODES)
         self.store_commands, self.store_limit_s = entries.commands, profile.store.wait_s
         self.steps = entries.steps
@@ -65,7 +69,7 @@ class DescribedFamily(DriveFamily):
             self.position_mode = profile.position_mode.number, object_address(profile.position_mode.target)
         self._motor = entries.motor
         self._period_s = robot.control_period_s
-        self._axis_counts = robot.axis[number].encoder_counts_per_rev
+        self._axis_counts = axis.encoder_counts_per_rev
         self._refusal = state_abort_code((abort.code, abort.text) for abort in profile.aborts)
         self._parameters = {parameter.address: parameter for parameter in profile.parameters.values()}
         self._latched: dict[ObjectAddress, Any] = {}

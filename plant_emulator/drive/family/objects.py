@@ -10,8 +10,10 @@ from drive_profiles.standard.cia301 import DataType, SdoAbortCode, Value, decode
 from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling
+from plant_emulator.drive.dictionary.additional_encoder import FIRST, load_encoder_entries
 from plant_emulator.drive.dictionary.limit_table import MOTION_LIMITS
-from plant_emulator.slave.dictionary import Access, Entry
+from plant_emulator.robots.robot import Robot
+from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 
 if TYPE_CHECKING:  # slow to load
     from canopen.objectdictionary import ObjectDictionary, ODVariable
@@ -177,6 +179,24 @@ def _name(text: str) -> str:
     """Return words that can serve as a name."""
     clean = "".join(c if c.isprintable() and c != ";" else " " for c in text).strip()
     return clean or "Object"
+
+
+def axis_dictionary(entries: list[Entry], robot: Robot, number: int, position: ObjectAddress = FIRST) -> Dictionary:
+    """Make the dictionary of these and further entries.
+
+    The further ones are those of a second encoder, and those of the axis' EDS file that are not among them.
+    """
+    path, encoder = robot.axis[number].eds, robot.axis[number].load_encoder
+    if encoder is not None:
+        entries = merged(entries, load_encoder_entries(encoder, position))
+    if path is None:
+        return Dictionary(entries)
+
+    from drive_profiles import eds  # noqa: PLC0415 - slow to load
+
+    present = {(entry.index, entry.subindex): entry for entry in entries}
+    described = described_entries(eds.load(path, node_id=robot.node_ids[number]).dictionary, present)
+    return Dictionary([*entries, *described])
 
 
 def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:

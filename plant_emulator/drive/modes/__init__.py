@@ -2,7 +2,7 @@
 
 Each file has one mode, or a group: the behaviour of a drive in Operation enabled.
 
-`modes.table` lists them, `modes.selection` changes from one to another. `modes.homing` is the pure sequence of a homing method:
+`modes.selection` lists them and changes from one to another. `modes.homing` is the pure sequence of a homing method:
 
     >>> from plant_emulator.drive.modes.homing import Homing
     >>> from plant_emulator.motion.record import HOME_SWITCH

@@ -225,7 +225,8 @@ class Homing:
             return self._coming_to_rest(inputs, edges)
         match self._phase:
             case _Phase.AT_SWITCH:
-                return self._from_switch(is_active, counts)
+                # on the switch, or beyond one that is shorter than the way to rest
+                return self._pass(counts) if is_active else self._move(_Phase.REGAIN, -self._searched, counts)
             case _Phase.TURN:
                 return self._move(_Phase.SEARCH, -self._direction, counts, is_fast=True)
             case _Phase.BEYOND:
@@ -300,15 +301,6 @@ class Homing:
         if gone > (TURNS_TO_INDEX * self._rev if phase is _Phase.TO_INDEX else self._travel):
             return HomingFailed(f"nothing found within {gone / self._rev:.1f} revolutions: {phase.value}")
         return None
-
-    def _from_switch(self, is_active: bool, counts: float) -> HomingStep:
-        """Return the demand after the search has come to rest.
-
-        The motor is on the switch, or beyond one that is shorter than the way to rest.
-        """
-        if is_active:
-            return self._pass(counts)
-        return self._move(_Phase.REGAIN, -self._searched, counts)
 
     def _pass(self, counts: float) -> HomingStep:
         method = self._method

@@ -33,7 +33,7 @@ class LimitSwitches:
     """Monitor of the limit switches of an axis.
 
     Attributes:
-        blocked: The direction that a switch forbids and the motion was stopped in: +1, -1, or 0.
+        blocked: The direction that a switch forbids and the motion was stopped in: +1, -1, or 0; 0 again with another mode.
         are_there: True if there is anything to watch.
     """
 
@@ -47,10 +47,6 @@ class LimitSwitches:
         """True if robot file or test provides a limit switch."""
         present: int = self._masks[self._row]  # asked at every SYNC
         return present & _LIMITS != 0
-
-    def forget(self) -> None:
-        """Clear the block when another mode, or none, acts."""
-        self.blocked = 0
 
     def look(self, mode: ModeOfOperation) -> None:
         """Check where the motion leads, after each advance in Operation enabled."""

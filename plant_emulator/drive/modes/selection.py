@@ -1,4 +1,4 @@
-"""Choice of the mode of operation by 6060h and 6061h."""
+"""Modes of operation of a drive, by number, and their choice by 6060h and 6061h."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -6,12 +6,41 @@ from typing import Any
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object, State
 from plant_emulator.drive.binding.limits import LONGEST_INTERPOLATION
+from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.faults import NO_GAINS, NO_INTERPOLATION, NO_MODE, DriveFaults
+from plant_emulator.drive.inputs import DigitalInputs
+from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity, MakersPosition
+from plant_emulator.drive.modes.homing_mode import HomingMode
+from plant_emulator.drive.modes.interpolated_position import InterpolatedPosition
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
-from plant_emulator.drive.modes.mode import ModeOfOperation
+from plant_emulator.drive.modes.mode import ModeOfOperation, NoMode
+from plant_emulator.drive.modes.profile_position import ProfilePosition
+from plant_emulator.drive.modes.profile_torque import ProfileTorque
+from plant_emulator.drive.modes.profile_velocity import ProfileVelocity
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import Power
+from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.slave.node import Slave
+
+
+def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour, family: DriveFamily) -> dict[int, ModeOfOperation]:
+    """Return one drive's modes: its family's, its maker's own, and 0, none."""
+    modes: list[ModeOfOperation] = [
+        ProfilePosition(stage, behaviour.pp_handshake_cycles),
+        ProfileVelocity(stage),
+        ProfileTorque(stage),
+        HomingMode(stage, inputs),
+        InterpolatedPosition(stage),
+        CyclicPosition(stage),
+        CyclicVelocity(stage),
+        CyclicTorque(stage),
+    ]
+    modes = [mode for mode in modes if mode.number in family.modes]
+    if family.position_mode is not None:
+        modes.append(MakersPosition(stage, *family.position_mode))
+    if not behaviour.needs_mode_to_enable:
+        modes.append(NoMode(stage))
+    return {mode.number: mode for mode in modes}
 
 
 class ModeSelection:
@@ -126,7 +155,7 @@ class ModeSelection:
         """End the acting mode; 6061h shows it until the torque is off."""
         if self.acting is not None:
             self.acting.end()
-        self._limit_switches.forget()
+        self._limit_switches.blocked = 0
         self._slave.on_sync = _nothing
 
     def release(self) -> None:

@@ -28,14 +28,13 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, Condition, conditions_of
 from plant_emulator.rehearsal.many.one import walked
 from plant_emulator.rehearsal.record import FLOOR_FACTOR, MAX_WORDS, QUIET_MM, WORSE_FRACTION, WORSE_MM
-from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, note_of_run
+from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, channel_of, note_of_run, raise_failure
 from plant_emulator.rehearsal.survey import session_on
 from plant_emulator.rehearsal.truth import quiet, without_error
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
 from plant_emulator.robots.robot import ArmRobot, Robot, load_robot
 from plant_emulator.trials.rows import Row, Value
-from plant_emulator.world import World
 
 
 class LineTip(NamedTuple):
@@ -170,7 +169,7 @@ def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
             "is_quiet": False,
             "is_worse": False,
         }
-    channel, model = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False), folder / "learnt.toml"
+    channel, model = channel_of(robot), folder / "learnt.toml"
     row |= _learnt(bench, folder, model, channel)
     learnt = load_identified(model) if model.exists() else None
     left_out: tuple[Part, ...] = ()
@@ -202,8 +201,7 @@ def _learnt(bench: Bench, folder: Path, model: Path, channel: InProcessChannel) 
 
     def learn() -> MotionLearningOutcome:
         outcome = learn_motion_on_bus(bench, request, folder / "learn", model, channel=channel)
-        if outcome.failure is not None:
-            raise outcome.failure
+        raise_failure(outcome.failure)
         return outcome
 
     ended, outcome = _step(learn, "learn")
@@ -218,8 +216,7 @@ def _learnt(bench: Bench, folder: Path, model: Path, channel: InProcessChannel) 
 def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChannel) -> RunNote:
     experiment = Experiment(LINE_MOTION, None, "cancellation-learnt")
     outcome = run_experiments(bench, [experiment], folder / "run", knowledge=Knowledge(learnt=learnt), channel=channel)
-    if outcome.failure is not None:
-        raise outcome.failure
+    raise_failure(outcome.failure)
     return note_of_run(outcome.result)
 
 

@@ -7,12 +7,11 @@ import numpy as np
 from hil.report.pages.page import Section, filled_sections
 from hil.report.report_table import Cell, ReportTable
 from plant_emulator.rehearsal.arms.conditions import NAMES
-from plant_emulator.rehearsal.many.claims import RehearsalClaim
+from plant_emulator.rehearsal.many.claims import RehearsalClaim, part_claim
 from plant_emulator.rehearsal.many.reading import is_quiet
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.tables import claims
 from plant_emulator.trials.rows import Row, numbers, text
-from plant_emulator.trials.statistics import fraction_text
 
 QUIET_FRACTION = 0.9
 """Smallest part of the arms whose tip becomes quiet in all conditions."""
@@ -38,13 +37,13 @@ def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
             "never_worse", "never worse", "Never worse: in no condition does the true tip rise in any direction by more "
             "than 5 % or 0.002 mm, whichever is more", "0", f"{len(worse)} of {len(rows)} arms", not worse,
         ),
-        RehearsalClaim(
+        part_claim(
             "quiet_line", "quiet on the learnt line", f"On the line that the cancellation was learnt on: {asked}",
-            f"{100.0 * QUIET_FRACTION:g} %", fraction_text(on_line, len(rows)), on_line >= QUIET_FRACTION * len(rows),
+            on_line, len(rows), QUIET_FRACTION,
         ),
-        RehearsalClaim(
+        part_claim(
             "quiet_all", "quiet in all conditions", f"On that line and, unchanged, in all other conditions: {asked}",
-            f"{100.0 * QUIET_FRACTION:g} %", fraction_text(quiet, len(rows)), quiet >= QUIET_FRACTION * len(rows),
+            quiet, len(rows), QUIET_FRACTION,
         ),
         RehearsalClaim(
             "whole", "internal errors", "Every path runs to its end", "0", f"{len(broken)} of {len(rows)}", not broken,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,37 +18,30 @@ from hil.experiments.ate.sweeps import sweep_on_time
 from hil.recording import Recording
 from hil.results.ate import AteResult, AteRun
 from hil.results.files import load_result
-from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.estimates import quantities_of
 from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.many.one import drawn
-from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.record import QUANTITIES, QuantityRecord
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
 from plant_emulator.robots.blank_bench import file_text
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.trials.rows import Row, plain
-from plant_emulator.world import World
 
 HELD_OUT_FROM = 50_001
 """Seeds from here on are for the final statement: no evidence is made of them."""
 
 
-@dataclass(frozen=True)
 class RecordedRobot:
-    """Folder of one robot: truth, bench file, and files of the identifications."""
+    """Folder of one robot: truth, bench file, and files of the identifications.
 
-    folder: Path
+    Attributes:
+        kind: Kind of the robot that was drawn.
+        files: Files of the identifications.
+    """
 
-    @property
-    def kind(self) -> str:
-        """Kind of the robot that was drawn."""
-        return self.folder.name.partition("-")[0]
-
-    @property
-    def files(self) -> PathFiles:
-        """Files of the identifications."""
-        return PathFiles(self.folder)
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.kind, self.files = folder, folder.name.partition("-")[0], PathFiles(folder)
+        self._robot_file, self._bench_file = folder / "robot.toml", folder / "bench.toml"
 
     @property
     def robot(self) -> Robot:
@@ -62,14 +54,6 @@ class RecordedRobot:
         return load(self._bench_file, Bench)
 
     @property
-    def _robot_file(self) -> Path:
-        return self.folder / "robot.toml"
-
-    @property
-    def _bench_file(self) -> Path:
-        return self.folder / "bench.toml"
-
-    @property
     def is_complete(self) -> bool:
         """True if its identifications have ended; the truth is written last."""
         return self._robot_file.exists()
@@ -80,8 +64,7 @@ class RecordedRobot:
         Returns the words of each refusal.
         """
         bench = loads(bench_text, Bench, "blank bench")
-        channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
-        steps = StepsInProcess(bench, min(bench.axis), self.files, channel, SMALL_EFFORT)
+        steps = StepsInProcess(robot, bench, min(bench.axis), self.files)
         refused = []
         for step in (steps.plant, steps.ate):
             try:
@@ -96,12 +79,7 @@ class RecordedRobot:
 def record(seeds: Sequence[int], kind: str, folder: Path) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Record the robots of some seeds that are not in a folder yet.
 
-    Yields each seed with the words of its refusals.
-
-    Args:
-        seeds: Seeds below `HELD_OUT_FROM`.
-        kind: One of `many.one.KINDS` but `both`.
-        folder: Folder of all robots.
+    Yields each seed with the words of its refusals. The kind is one of `many.one.KINDS` but `both`.
 
     Raises:
         ValueError: A seed is held out.

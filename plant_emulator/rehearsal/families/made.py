@@ -18,14 +18,11 @@ from hil.master.drive.limits import holders
 from hil.master.drive.mapping import mode_of
 from hil.results.runs import ExperimentsResult
 from hil.robot_tables import Control
-from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.drive.family.dictionary import vendor_scaling
-from plant_emulator.rehearsal.path import SMALL_EFFORT
-from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, note_of_run
+from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, channel_of, note_of_run, raise_failure
 from plant_emulator.robots.blank_bench import file_text
 from plant_emulator.robots.robot import Robot, RobotAxis, load_robot, part_of, with_drives
 from plant_emulator.robots.tuning import tuned
-from plant_emulator.world import World
 
 
 def vendor_families() -> list[str]:
@@ -94,15 +91,14 @@ class Family:
 
     def steps(self, files: PathFiles) -> StepsInProcess:
         """Return the steps of the documented path, with these files."""
-        return StepsInProcess(self.bench, AXIS, files, InProcessChannel(World(self.robot), is_logged=False), SMALL_EFFORT)
+        return StepsInProcess(self.robot, self.bench, AXIS, files)
 
     def run(self, folder: Path, treatment: TreatmentName, knowledge: Knowledge) -> ExperimentsResult:
         """Execute one run; raise the error that ended it."""
         experiment = Experiment("constant-acceleration", AXIS, treatment)
-        channel = InProcessChannel(World(self.robot), is_logged=False)
+        channel = channel_of(self.robot)
         outcome = run_experiments(self.bench, [experiment], folder / treatment, knowledge=knowledge, channel=channel)
-        if outcome.failure is not None:
-            raise outcome.failure
+        raise_failure(outcome.failure)
         return outcome.result
 
 

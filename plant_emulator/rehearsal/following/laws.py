@@ -17,7 +17,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 from hil.control.following import ArmModel, Followed, FollowingSettings
-from plant_emulator.rehearsal.following.rig import Follower
 
 BandPass = tuple[float, float, float, float, float]
 
@@ -51,18 +50,11 @@ class _Order:
         self.sum, self.weight = 0j, 0.0
 
 
-class FollowerBase(Follower, ABC):
+class FollowerBase(ABC):
     """Common part of both laws."""
 
-    def __init__(
-        self,
-        arm: ArmModel,
-        orders: Sequence[Followed],
-        band: BandPass,
-        period_s: float,
-        settings: FollowingSettings | None = None,
-    ) -> None:
-        self._arm, self._period_s, self._set = arm, period_s, settings or FollowingSettings()
+    def __init__(self, arm: ArmModel, orders: Sequence[Followed], band: BandPass, period_s: float) -> None:
+        self._arm, self._period_s, self._set = arm, period_s, FollowingSettings()
         self._orders = [_Order(order, band) for order in orders]
         self._tip = (_Section(band), _Section(band))
         self._angle: float | None = None
@@ -79,7 +71,14 @@ class FollowerBase(Follower, ABC):
     def step(
         self, angles_rad: list[float], references_rad: list[float], levers_m: list[float], acceleration_m_s2: float | None
     ) -> None:
-        """Process one sample."""
+        """Process one sample of one axis, as `FollowingLaw` does.
+
+        Args:
+            angles_rad: Measured motor angle.
+            references_rad: Set-point of the motion alone.
+            levers_m: Lever of the tip.
+            acceleration_m_s2: The tip's acceleration; None if it was not measured.
+        """
         angle, period, own = angles_rad[0], self._period_s, self._set
         last = angle if self._angle is None else self._angle
         blend = 1.0 - math.exp(-math.tau * own.speed_lowpass_hz * period)

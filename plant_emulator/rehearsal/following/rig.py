@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.control.cascade import Cascade
-from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings
+from hil.control.following import ArmModel, Followed, FollowingLaw
 from hil.design.following import Resonance, arm_model, band_pass, resonance_of
 from hil.design.inverse import CyclicTiming
 from hil.experiments.cancellation.cancellation import Pace, table_of
@@ -28,33 +28,16 @@ from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.fleet import antiresonance_hz, small_motion_antiresonance_hz
 from plant_emulator.robots.robot import Robot
 
+if TYPE_CHECKING:
+    from plant_emulator.rehearsal.following.laws import FollowerBase
+
+Follower = Union[FollowingLaw, "FollowerBase"]
+"""A tracking law: the product's, or one of those that are compared with it."""
 Real = NDArray[np.float64]
 
 NOISE_SEED = 4711
 NO_BEGINS: Mapping[float, float] = {}
 RIG_SETTLE_S = 0.5
-
-
-class Follower(Protocol):
-    """A tracking law.
-
-    It is `hil.control.following.FollowingLaw`, or one of those that are compared with it.
-    """
-
-    def step(
-        self, angles_rad: list[float], references_rad: list[float], levers_m: list[float], acceleration_m_s2: float | None
-    ) -> None:
-        """Process one sample.
-
-        Args:
-            angles_rad: Measured motor angle.
-            references_rad: Set-point of the motion alone.
-            levers_m: Lever of the tip.
-            acceleration_m_s2: The tip's acceleration; None if it was not measured.
-        """
-
-    def factors(self, row: int) -> Mapping[float, complex]:
-        """Return the factors of the cancellation."""
 
 
 @dataclass(frozen=True)
@@ -161,9 +144,9 @@ class Rig:
         f_al_hz = self.known_arm().f_al_hz
         return band_pass(f_al_hz, f_al_hz, self.sync_s)
 
-    def follower(self, settings: FollowingSettings | None = None, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
+    def follower(self, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
         """Return the product's law for this axis."""
-        return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s, settings)
+        return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s)
 
     def _table(self, angles_rad: Real) -> CancellationTable:
         """Return the feed-forward's table for a motion.

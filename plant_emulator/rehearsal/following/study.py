@@ -84,13 +84,10 @@ def rig_of(seed: int, off: Assumed | None = None) -> Rig:
 def law_of(name: str, rig: Rig, begins: Mapping[float, float] = NO_BEGINS) -> Follower:
     """Return one of the laws for an axis.
 
-    Args:
-        name: Its name.
-        rig: The axis.
-        begins: Parts of orders from which on the observer follows them.
+    The observer follows orders from the parts of them on that `begins` states.
     """
     if name == "observer":
-        return rig.follower(begins=begins)
+        return rig.follower(begins)
     kinds: Mapping[str, type[FilteredLms | Repetition]] = {"filtered-x LMS": FilteredLms, "repetition": Repetition}
     return kinds[name](rig.known_model(), rig.followed(), rig.band(), rig.sync_s)
 

@@ -68,6 +68,12 @@ def document(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> dict[str, 
     return {"robots": len(rows), "claims": [asdict(each) for each in found]}
 
 
+def part_claim(key: str, name: str, words: str, count: int, whole: int, least: float) -> RehearsalClaim:
+    """Return the claim that at least a part of some robots is so; open without robots."""
+    holds = count >= least * whole if whole else None
+    return RehearsalClaim(key, name, words, f"{100.0 * least:g} %", fraction_text(count, whole), holds)
+
+
 def _never_worse(rows: Sequence[Row]) -> RehearsalClaim:
     treated = [row for row in rows if accepted(row)]
     worse = [row for row in treated if text(row, "worse")]
@@ -93,28 +99,17 @@ def _wrong_refused(rows: Sequence[Row]) -> RehearsalClaim:
 
 def _quiet(rows: Sequence[Row], kind: str) -> RehearsalClaim:
     own = of_kind(rows, kind)
-    count, least = sum(map(is_quiet, own)), QUIET_FRACTION[kind]
     robots = {"linear": "Linear gears", "real": "Hysteresis to 2 N·m, softness to 30 %, current lag to 0.5 ms"}[kind]
     words = f"{robots}: the path ends with a true tip of at most 0.010 mm or 1.3 × the floor, whichever is more"
-    holds = count >= least * len(own) if own else None
-    return RehearsalClaim(
-        f"quiet_{kind}", f"{KIND_NAMES[kind]}: quiet", words, f"{100.0 * least:g} %", fraction_text(count, len(own)), holds
-    )
+    name = f"{KIND_NAMES[kind]}: quiet"
+    return part_claim(f"quiet_{kind}", name, words, sum(map(is_quiet, own)), len(own), QUIET_FRACTION[kind])
 
 
 def _true_causes(rows: Sequence[Row]) -> RehearsalClaim:
     others = [row for row in rows if not is_quiet(row)]
     count = sum((refusal := main_refusal(row)) is not None and refusal.is_true for row in others)
     words = "The other robots are refused, with the true cause"
-    holds = count >= TRUE_CAUSE_FRACTION * len(others) if others else None
-    return RehearsalClaim(
-        "true_cause",
-        "others refused correctly",
-        words,
-        f"{100.0 * TRUE_CAUSE_FRACTION:g} %",
-        fraction_text(count, len(others)),
-        holds,
-    )
+    return part_claim("true_cause", "others refused correctly", words, count, len(others), TRUE_CAUSE_FRACTION)
 
 
 def _rms_z(rows: Sequence[Row]) -> RehearsalClaim:

@@ -18,9 +18,9 @@ from plant_emulator.rehearsal.many.reading import (
     QUANTITY_NAMES,
     STEP_NAMES,
     TREATMENT_NAMES,
+    by_kind,
     is_done,
     is_quiet,
-    of_kind,
     robots_of,
     worst_tip_mm,
 )
@@ -59,19 +59,13 @@ MOST_POINTS = 2000
 """Robots in the figure of tips before and after."""
 
 
-def kinds_of(rows: Sequence[Row]) -> list[str]:
-    """Return the kinds of the robots, sorted by name."""
-    return [kind for kind in KIND_NAMES if of_kind(rows, kind)]
-
-
 def tips(rows: Sequence[Row]) -> Drawing | None:
     """Return the figure of true tips over the goal, by treatment."""
-    kinds = kinds_of(rows)
+    kinds = by_kind(rows)
     if not numbers(rows, "goal_mm"):
         return None
     figure, panels = style.panels(1, len(kinds), 3.4, sharey=True)
-    for panel, kind in zip(panels[0], kinds, strict=True):
-        own = of_kind(rows, kind)
+    for panel, (kind, own) in zip(panels[0], kinds, strict=True):
         for treatment in (*TREATMENTS, "floor"):
             ratios = _ratios(own, treatment)
             if ratios:
@@ -138,13 +132,12 @@ def before_and_after(rows: Sequence[Row]) -> Drawing | None:
 
 def steps(rows: Sequence[Row]) -> Drawing | None:
     """Return the figure of the steps' ends, as bars of counts."""
-    kinds = kinds_of(rows)
+    kinds = by_kind(rows)
     if not kinds:
         return None
     figure, panels = style.panels(1, len(kinds), 3.4, sharey=True)
     at = np.arange(len(STEPS), dtype=float)
-    for panel, kind in zip(panels[0], kinds, strict=True):
-        own = of_kind(rows, kind)
+    for panel, (kind, own) in zip(panels[0], kinds, strict=True):
         left = np.zeros(len(STEPS))
         for ended in ENDED:
             counts = np.array([sum(text(row, f"{step}_ended") == ended for row in own) for step in STEPS], dtype=float)
@@ -215,10 +208,10 @@ def _fractions(panel: Axes, pairs: Any) -> None:
     filled = [group for group in groups if group.any()]
     x = np.array([np.median(values[group]) for group in filled])
     found = [run_fraction(int(holds[group].sum()), int(group.sum())) for group in filled]
-    reach = np.array([(each.fraction - each.low, each.high - each.fraction) for each in found]).T
+    reach = np.array([(each.share - each.low, each.high - each.share) for each in found]).T
     panel.errorbar(
         x,
-        [each.fraction for each in found],
+        [each.share for each in found],
         yerr=np.clip(reach, 0.0, None),
         marker="o",
         color=style.BLUE,
@@ -273,9 +266,9 @@ def cost(rows: Sequence[Row]) -> Drawing | None:
     figure, [[panel]] = style.panels(1, 1, 2.6)
     edges = np.linspace(0.0, 1.05 * max(*spent, CPU_S), 41)
     looks = {"linear": {"color": style.BLUE}, "real": {"color": style.ORANGE, "hatch": "////"}, "any": {"color": style.GREEN}}
-    kinds = kinds_of(rows)
+    kinds = [kind for kind, _ in by_kind(rows)]
     panel.hist(
-        [numbers(of_kind(rows, kind), "cpu_s") for kind in kinds],
+        [numbers(own, "cpu_s") for _, own in by_kind(rows)],
         edges.tolist(),
         stacked=True,
         edgecolor=style.PAPER,

@@ -11,8 +11,7 @@ from hil.report import style
 from hil.report.pages.page import PageVerdict, Section, filled_sections
 from plant_emulator.rehearsal.many import figures, tables
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
-from plant_emulator.rehearsal.many.figures import kinds_of
-from plant_emulator.rehearsal.many.reading import KIND_NAMES, is_quiet, of_kind
+from plant_emulator.rehearsal.many.reading import KIND_NAMES, by_kind, is_quiet
 from plant_emulator.trials import page
 from plant_emulator.trials.rows import Row, text
 
@@ -52,9 +51,7 @@ def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict
     failed = [each for each in found if each.holds is False]
     open_ = [each for each in found if each.holds is None]
     quiet = "; ".join(
-        f"{KIND_NAMES[kind]}: {sum(map(is_quiet, own))} of {len(own)} robots end within the goal"
-        for kind in kinds_of(rows)
-        if (own := of_kind(rows, kind))
+        f"{KIND_NAMES[kind]}: {sum(map(is_quiet, own))} of {len(own)} robots end within the goal" for kind, own in by_kind(rows)
     )
     details = [*([quiet] if quiet else []), *(f"{each.name}: {each.measured}; required: {each.asked}" for each in failed)]
     if open_:
@@ -71,9 +68,9 @@ def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
     versions = Counter(text(row, "version") for row in rows if text(row, "version"))
     ways = {True: "over the bus", False: "in one process, without frames"}
     over = [ways[value] for value in (False, True) if any(row.get("over_bus") is value for row in rows)]
-    by_kind = [(KIND_NAMES[kind], of_kind(rows, kind)) for kind in kinds_of(rows)] or [("Arms", [*rows])]
+    groups = [(KIND_NAMES[kind], own) for kind, own in by_kind(rows)] or [("Arms", [*rows])]
     return [
-        *((name, f"seeds {_spans([row['seed'] for row in own])}") for name, own in by_kind),
+        *((name, f"seeds {_spans([row['seed'] for row in own])}") for name, own in groups),
         *([("Path", " and ".join(over))] if over else []),
         ("Version", " and ".join(f"{name} ({count} robots)" for name, count in versions.items()) or "not known"),
     ]

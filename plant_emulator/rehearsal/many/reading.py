@@ -105,6 +105,11 @@ FACT_NAMES = {
 """Name and factor of a fact, for the axis of a figure."""
 
 
+def by_kind(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+    """Return the kinds that there are, each with its robots."""
+    return [(kind, own) for kind in KIND_NAMES if (own := of_kind(rows, kind))]
+
+
 def robots_of(kind: str, count: int) -> str:
     """Return the number of robots of a kind, in words.
 

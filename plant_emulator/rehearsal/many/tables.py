@@ -7,7 +7,6 @@ from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
-from plant_emulator.rehearsal.many.figures import kinds_of
 from plant_emulator.rehearsal.many.reading import (
     ENDED,
     KIND_NAMES,
@@ -15,9 +14,9 @@ from plant_emulator.rehearsal.many.reading import (
     STEP_NAMES,
     TREATMENT_NAMES,
     accepted,
+    by_kind,
     is_done,
     is_quiet,
-    of_kind,
     robots_of,
     tips_mm,
     worst_tip_mm,
@@ -45,8 +44,7 @@ def tips(rows: Sequence[Row]) -> ReportTable:
     """Return percentiles of the worst order's true tip in mm, by treatment."""
     cells: list[list[Cell]] = []
     groups = {}
-    for kind in kinds_of(rows):
-        own = of_kind(rows, kind)
+    for kind, own in by_kind(rows):
         groups[len(cells)] = robots_of(kind, len(own))
         for treatment in (*TREATMENTS, "floor", "end"):
             if treatment == "end":
@@ -70,8 +68,7 @@ def steps(rows: Sequence[Row]) -> ReportTable:
     """Return the ends of each step, in counts."""
     cells: list[list[Cell]] = []
     groups = {}
-    for kind in kinds_of(rows):
-        own = of_kind(rows, kind)
+    for kind, own in by_kind(rows):
         groups[len(cells)] = robots_of(kind, len(own))
         for step in STEPS:
             counts = Counter(text(row, f"{step}_ended") for row in own)

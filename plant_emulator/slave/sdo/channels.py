@@ -130,10 +130,12 @@ class SdoChannels:
 
     def load(self) -> None:
         """Read the identifiers from the dictionary."""
+        node_id = self._dictionary.node_id
+        predefined = (REQUEST, FunctionCode.SDO_REQUEST + node_id), (RESPONSE, FunctionCode.SDO_RESPONSE + node_id)
         self._request_id, self._predefined.response_id = (
             (self._dictionary.get_int(PREDEFINED, subindex) if (PREDEFINED, subindex) in self._dictionary else base)
             & CAN_SFF_MASK
-            for subindex, base in self._predefined_ids()
+            for subindex, base in predefined
         )
         for channel in self._additional:
             channel.load()
@@ -158,10 +160,6 @@ class SdoChannels:
         for server in self.servers.values():
             server.reset()
         self.due = None
-
-    def _predefined_ids(self) -> tuple[tuple[int, int], ...]:
-        node_id = self._dictionary.node_id
-        return (REQUEST, FunctionCode.SDO_REQUEST + node_id), (RESPONSE, FunctionCode.SDO_RESPONSE + node_id)
 
     def _look_again(self) -> None:
         self._collect()

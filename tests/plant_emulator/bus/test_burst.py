@@ -11,7 +11,7 @@ from drive_profiles.standard.cia402 import Mode
 from hil.can.bits import frame_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, frames_of, pack
 from plant_emulator.bus.faults import BusFaults
-from plant_emulator.bus.heard import FIRST_CLIENT
+from plant_emulator.bus.instant import FIRST_CLIENT
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from tests.plant_emulator.image.test_image import INSIDE, OUTSIDE, SYNC, Twin

@@ -10,7 +10,7 @@ from hil.can.frame import Frame
 from plant_emulator.bus.confinement import RECOVERY_BITS
 from plant_emulator.bus.controller import ErrorState
 from plant_emulator.bus.faults import BusFaults, Fault
-from plant_emulator.bus.heard import FIRST_CLIENT
+from plant_emulator.bus.instant import FIRST_CLIENT
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.robots.behaviour import Behaviour

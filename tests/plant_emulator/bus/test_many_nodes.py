@@ -13,8 +13,8 @@ from drive_profiles.standard.cia301 import NmtCommand, NmtState
 from hil.can.frame import Frame
 from plant_emulator.announcement import announced, spans
 from plant_emulator.bus.faults import BusFaults, Fault
-from plant_emulator.bus.heard import FIRST_CLIENT
 from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.bus.instant import FIRST_CLIENT
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire

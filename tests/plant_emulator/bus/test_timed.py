@@ -6,8 +6,8 @@ from drive_profiles.standard.cia301 import NmtCommand
 from hil.can.bits import frame_bits
 from hil.can.frame import Frame
 from plant_emulator.bus.faults import BusFaults, Fault
-from plant_emulator.bus.heard import FIRST_CLIENT
-from plant_emulator.bus.medium import Instant, medium_for
+from plant_emulator.bus.instant import FIRST_CLIENT, Instant
+from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.robots.robot import load_robot

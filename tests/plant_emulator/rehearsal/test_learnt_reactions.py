@@ -4,13 +4,10 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
-from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import BOTH, drawn
-from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.record import QUIET_MM
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
 from plant_emulator.rehearsal.survey import Survey
-from plant_emulator.world import World
 
 
 @pytest.mark.parametrize(
@@ -25,8 +22,7 @@ def test_learning_tells_a_reaction_by_the_tip_and_silences_it(seed, tmp_path):
     robot, text = drawn(seed, BOTH)
     bench, files = loads(text, Bench, "blank bench"), PathFiles(tmp_path)
     number = min(bench.axis)
-    channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
-    steps = StepsInProcess(bench, number, files, channel, SMALL_EFFORT)
+    steps = StepsInProcess(robot, bench, number, files)
     steps.plant()
     steps.ate()
     steps.learn()

@@ -9,18 +9,15 @@ from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.bench.model import load_identified
 from hil.control.order_keys import amplitude_key, phase_key
-from hil.design.notch_search import Effort
 from hil.emulator import EmulatorProcess
 from hil.errors import HilError
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable
-from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.over_bus import CommandError, StepsOverBus
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
 from plant_emulator.robots.blank_bench import blank_bench, file_text
 from plant_emulator.robots.fleet import draw
 from plant_emulator.robots.robot import Robot
-from plant_emulator.world import World
 
 DRAWN = draw(8, kind="linear")
 QUIET = {
@@ -50,9 +47,7 @@ def test_a_run_by_its_command_over_a_served_bus_is_that_of_the_process_to_the_bi
         with pytest.raises(CommandError, match=r"model.toml.*exit status \d") as refused:
             steps.design()
     assert refused.value.status == 3
-    steps = StepsInProcess(
-        bench, 2, PathFiles(tmp_path / "process"), InProcessChannel(World(ROBOT), is_logged=False), Effort.quick()
-    )
+    steps = StepsInProcess(ROBOT, bench, 2, PathFiles(tmp_path / "process"))
     assert steps.run("none", is_learnt=False) == over_bus
     file = "none/runs/constant-acceleration-axis2-drive-none.csv"
     assert (tmp_path / "bus" / file).read_bytes() == (tmp_path / "process" / file).read_bytes()
@@ -83,8 +78,7 @@ def test_the_steps_over_a_served_bus_find_what_they_find_in_one_process(tmp_path
     (tmp_path / "robot.toml").write_text(file_text(ROBOT), encoding="utf-8")
     with EmulatorProcess(str(tmp_path / "robot.toml"), ROBOT.bus.bitrate) as served:
         steps_of("bus", StepsOverBus(bench, 2, PathFiles(tmp_path / "bus"), served.address))
-    channel = InProcessChannel(World(ROBOT), bitrate=ROBOT.bus.bitrate, is_logged=False)
-    steps_of("process", StepsInProcess(bench, 2, PathFiles(tmp_path / "process"), channel, Effort.quick()))
+    steps_of("process", StepsInProcess(ROBOT, bench, 2, PathFiles(tmp_path / "process")))
     assert left_out["bus"] == left_out["process"]
     one, other = found["bus"], found["process"]
     beside = ("antiresonance_hz", "resonance_hz", "damping")

@@ -1,6 +1,7 @@
 """The documented path on drawn robots: every step by the product, truth beside what it finds."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -36,6 +37,8 @@ class Heard(Reporter):
 
 class Refusing:
     """Steps that refuse, or break."""
+
+    channel = SimpleNamespace(syncs=0)
 
     def __init__(self, error):
         self.error = error

@@ -6,12 +6,9 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
-from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.many.one import BOTH, drawn
-from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
-from plant_emulator.world import World
 
 pytestmark = pytest.mark.slow
 
@@ -21,10 +18,9 @@ def begun(seed, folder):
     robot, text = drawn(seed, BOTH)
     bench, files = loads(text, Bench, "blank bench"), PathFiles(folder)
     number = min(bench.axis)
-    channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
     return (
         robot.axis[number],
-        StepsInProcess(bench, number, files, channel, SMALL_EFFORT),
+        StepsInProcess(robot, bench, number, files),
         lambda: files.identified().axis[number],
     )
 

@@ -15,7 +15,7 @@ from drive_profiles.address import Address, parse_address
 from hil.can.adapter import AdapterChannel
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from hil.can.local import connect_local
-from plant_emulator.serial.pseudo_terminal import PathTakenError, PseudoTerminal
+from plant_emulator.serial.pseudo_terminal import PseudoTerminal
 from plant_emulator.serial.slcan import POLL_FRAMES, Adapter, SlcanPort
 from tests.plant_emulator.bus.conftest import PATIENCE_S, drain, frames_until, wait_for
 
@@ -334,7 +334,7 @@ def test_the_link_is_made_replaced_and_removed(tmp_path):
     second.close()
     assert not path.is_symlink()
     path.write_text("mine")
-    with pytest.raises(PathTakenError):
+    with pytest.raises(FileExistsError, match="is not a link to a pseudo-terminal"):
         PseudoTerminal(str(path))
     assert path.read_text() == "mine"
 

@@ -3,6 +3,7 @@
 import pytest
 
 from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.emulation import HARDWARE_VERSION
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
 
@@ -23,19 +24,15 @@ def test_the_arguments_are_the_defaults():
         communication_entries(
             device_type=0x00020192,
             name="Drive",
-            hardware_version="hw",
-            software_version="sw",
             vendor_id=1,
             product_code=2,
             revision=3,
             serial_number=4,
-            heartbeat_ms=100,
-            error_behaviour=1,
         ),
         node_id=5,
     )
     addresses = [(0x1000, 0), (0x1008, 0), (0x1009, 0), (0x100A, 0), (0x1014, 0), (0x1017, 0), (0x1029, 1)]
-    assert [dictionary.get(*address) for address in addresses] == [0x00020192, "Drive", "hw", "sw", 0x85, 100, 1]
+    assert [dictionary.get(*address) for address in addresses] == [0x00020192, "Drive", HARDWARE_VERSION, "1.0", 0x85, 0, 0]
     assert [dictionary.get(0x1018, subindex) for subindex in range(5)] == [4, 1, 2, 3, 4]
 
 

@@ -584,7 +584,7 @@ def test_of_a_thousand_plants_most_keep_the_specification_with_table_3():
     judged = judge_all([study()], 1000, LocalProcesses(2))[0]
     found = robustness_summary.summarise(study(), judged, study().judge(-1))
     assert found.stable.count == 1000
-    assert found.meeting.fraction > 0.7
+    assert found.meeting.share > 0.7
     assert found.influences[0].name == "gear_stiffness_factor"  # as docs/robustness-criteria.md has it for axis 2 with Table 3
 
 

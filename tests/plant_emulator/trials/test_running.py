@@ -13,14 +13,15 @@ from typer.testing import CliRunner
 
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.rows import CRASHED, crashed
-from plant_emulator.trials.cluster import DaskWorkers, scheduler_address
 from plant_emulator.trials.executors import (
     ATTEMPTS,
     SLOW_IMPORTS,
+    DaskWorkers,
     ExecutorsLostError,
     ExecutorsRefusedError,
     LocalProcesses,
     run_all,
+    scheduler_address,
 )
 from plant_emulator.trials.rows import csv_text
 from plant_emulator.trials.rows import steady as steady_row
