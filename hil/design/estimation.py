@@ -2,11 +2,27 @@
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
+
+PROBABILITY = 0.975
+"""Probability from which a claim counts as true."""
+SIGMAS = NormalDist().inv_cdf(PROBABILITY)
+"""The same as standard errors by which an estimate must meet the claim."""
+FAR_SIGMAS = 3.0
+"""Standard errors from which a difference is hardly chance: chance alone makes one of 370 so large."""
+SURE_SIGMAS = 4.0
+"""The same of what every run looks at several times: one of 16 000. A good run then hardly ever stops or is remarked on."""
+SEEN_SIGMAS = 5.0
+"""Standard errors of an amplitude from which it is measured: to 20 %."""
+SEARCHED_SIGMAS = 8.0
+"""The same of one that is the largest of many, or of a model that was searched for: the search itself raises it above noise."""
+MOST_MISFIT = 4.0
+"""Root mean square of residuals, in standard deviations, up to which a model explains them."""
 
 
 class UnidentifiableError(ValueError):

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
-from hil.design.estimation import UnidentifiableError
+from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
 from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
 from hil.design.plant_spectra import Spectra
 
@@ -52,8 +52,6 @@ LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
-LOSS = 3.0
-"""Standard deviations from which the fit counts a residual less than squared; the priors always count squared."""
 OUTSIDE = 1.2
 """Largest ratio of a resonance to the end of the band at which it still counts."""
 TRIED = 16
@@ -560,7 +558,7 @@ class PlantProblem:
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         priors = [value / deviation for _, value, deviation in self._prior_values(x)]
         # the loss makes squares of these
-        return np.concatenate([stacked.real, stacked.imag, [each * math.hypot(1.0, 0.5 * each / LOSS) for each in priors]])
+        return np.concatenate([stacked.real, stacked.imag, [each * math.hypot(1.0, 0.5 * each / FAR_SIGMAS) for each in priors]])
 
     def slopes(self, x: Real) -> Real:
         """Jacobian of the residual; shape (residuals, unknowns)."""
@@ -601,7 +599,7 @@ class PlantProblem:
         stacked = np.concatenate(by_left, axis=1) * math.sqrt(2.0)
         by_priors = np.zeros((len(x), self.priors))
         for row, (unknown, value, deviation) in enumerate(self._prior_values(x)):
-            far = 0.5 * value / deviation / LOSS
+            far = 0.5 * value / deviation / FAR_SIGMAS
             by_priors[unknown, row] = (1.0 + 2.0 * far**2) / math.hypot(1.0, far) / deviation
         return np.asarray(np.concatenate([stacked.real, stacked.imag, by_priors], axis=1).T)
 

@@ -25,6 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.design.estimation import SEARCHED_SIGMAS, SEEN_SIGMAS
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
 
 Real = NDArray[np.float64]
@@ -47,8 +48,6 @@ LEAST_DAMPING, MOST_DAMPING = 0.008, 0.2
 """Damping ratios of an arm on its gear with its loop closed: beyond them a swell is not a resonance, but a tone or a slope."""
 LEAST_TIP_EXPLAINED = 0.5
 """Fraction of the vibration that the resonance has to explain."""
-LEAST_SIGNIFICANCE = 8.0
-"""Amplitude of an order in units of its standard error from which it counts: that of a model that is searched for."""
 MOST_UNCERTAINTY = 0.06
 """Largest standard error of a frequency, as a fraction of it."""
 
@@ -60,8 +59,6 @@ TORQUE_AGREEMENT = 0.08
 """Largest difference of the frequencies that tip and torque show, as a fraction."""
 LEAST_TORQUE_EXPLAINED = 0.6
 """Fraction that the resonance explains of what plain orders leave over of the torque: 0.02 to 0.5 of a sensor's mounting."""
-LEAST_TORQUE_SIGNIFICANCE = 5.0
-"""Root of the mean square of its unknowns there, in units of their standard errors."""
 FEWEST = 60
 """Least number of samples of the torque."""
 LEAST_MET_RPS = 0.5
@@ -161,7 +158,7 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
             f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the "
             f"vibration; at least {100.0 * LEAST_TIP_EXPLAINED:.0f} % is needed"
         )
-    clear = [(each, order) for each, order in zip(tip.significance, orders, strict=True) if each >= LEAST_SIGNIFICANCE]
+    clear = [(each, order) for each, order in zip(tip.significance, orders, strict=True) if each >= SEARCHED_SIGMAS]
     met = [order for _, order in sorted(clear, reverse=True) if model.passes(tip.peak_hz / order)]
     if not met:
         raise NoResonanceError(f"the ramp passes no speed at which an order meets a resonance near {tip.peak_hz:.1f} Hz")
@@ -263,7 +260,7 @@ class _RampModel:
         after = powers[len(powers) // 2]
         gained = float(before @ before - after @ after)
         noise = max(_noise_near(after, self._period_s, tip.resonance_hz), 1e-300)
-        is_clear = gained >= LEAST_TORQUE_SIGNIFICANCE**2 * unknowns * noise
+        is_clear = gained >= SEEN_SIGMAS**2 * unknowns * noise
         return bool(agrees and is_clear and gained >= LEAST_TORQUE_EXPLAINED * float(before @ before))
 
     def _left(self, resonance_hz: float, damping: float) -> float:

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Self
 
-PROBABILITY = 0.975
-"""Probability from which a claim counts as true."""
-SIGMAS = NormalDist().inv_cdf(PROBABILITY)
-"""The same as standard errors by which an estimate must meet the claim."""
+from hil.design.estimation import PROBABILITY
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.design.estimation import MOST_MISFIT
 from hil.design.frequency import Real
 
 BASE_TOLERANCE = 1e-9
@@ -28,8 +29,6 @@ LEAST_FREQUENCY_ERROR = 0.003
 """Relative error of a dip at least: an excited joint turns by degrees, and its dips move by some tenths of a per cent."""
 LEAST_INERTIA_ERROR = 0.01
 """Error of an effective inertia at least, in units of the joint's whole inertia."""
-MOST_MISFIT = 5.0
-"""Misfit from which masses are none, in standard errors."""
 MOST_FIT_ROUNDS = 60
 MOST_STARTS, START_SPREAD, GOOD_COST = 4, 0.6, 1.0
 """Starts of the fit at most, by how much the masses of their links differ (natural logarithm), and the cost of a residual, half

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.estimation import EstimatedMode, EstimatedParameter, inverse
+from hil.design.estimation import SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
 from hil.design.frequency import Complex, Real
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
 from hil.design.plant_identification import SMALLEST_MISFIT, Descents, PlantEstimate, estimate_of
@@ -34,8 +34,6 @@ MODES_APART = 1.15
 """Least ratio of two modes' frequencies."""
 UNKNOWN_COST = 3.0
 """What an unknown more must bring, over what the information criterion asks: scatter is not all that a model leaves."""
-THERE_SIGMAS = 4.0
-"""Effective inertia over its standard error from which a mode is there."""
 SLOPE_STEP = 1e-5
 """Change of an unknown for a slope."""
 LEADING = 0.3
@@ -112,7 +110,7 @@ def _are_there(fit: _Fit) -> bool:
     """True if each mode is significant and no two lie together."""
     covariance, modes = fit.covariance(), fit.problem.modes(fit.x)
     spots = [J_L, *(slot + INERTIA for slot in fit.problem.slots(fit.x))]
-    known = all(THERE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)
+    known = all(SURE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)
     hz = sorted(mode.frequency_hz for mode in modes)
     return known and all(high > MODES_APART * low for low, high in itertools.pairwise(hz))
 

@@ -19,6 +19,7 @@ from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
+from hil.design.estimation import SEARCHED_SIGMAS
 from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
 from hil.experiments.ate.ramp import Ramp
 
@@ -31,7 +32,7 @@ STANDING_OUT = ((0.003, 20.0), (0.01, 4.0))
 """Fraction of the vibration's power, and power over that of the orders beside it, from which an order is fitted to see: of white
 noise exceeds 20 times its mean power with
 probability 10⁻⁸; high orders are passed within a turn, and show in those beside them too."""
-CLEAR_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
+SEEN_FRACTION, SEEN_LEAVES = 0.02, 0.7
 """Standard errors of its amplitude, and fraction of the vibration's power, from which an order is seen, and what its fit leaves
 over at most of what was left over without it."""
 APART_ORDERS, BESIDE_ORDERS = 0.6, 2.5
@@ -152,7 +153,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
             break
         found = scan.with_order(estimate, order)
         new, left, once = scan.last_of(found), 1.0 - found.explained_by_error, 1.0 - estimate.explained_by_error
-        if new.sigmas < CLEAR_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
+        if new.sigmas < SEARCHED_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
             break
         seen.append(new)
         estimate = found

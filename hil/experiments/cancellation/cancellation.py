@@ -22,6 +22,7 @@ from hil.can.channel import Channel
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
+from hil.design.estimation import SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
@@ -52,8 +53,6 @@ ORDINARY = 0.98
 """Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
-LAG_SIGMAS = 2.0
-"""Standard errors from which a lag of the current loop counts."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
 
@@ -348,7 +347,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
     It is 0 if it is not identified, or not significant.
     """
     part = identified_axis(identified, number).plant
-    if part is None or part.torque_lag_s < LAG_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
+    if part is None or part.torque_lag_s < SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
     return part.torque_lag_s
 

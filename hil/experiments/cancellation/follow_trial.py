@@ -20,8 +20,8 @@ from hil.analysis import TipScale, integrated_twice
 from hil.bench.bench import Bench
 from hil.control.following import FollowingSettings
 from hil.core.library import CORE
+from hil.design.estimation import SIGMAS
 from hil.experiments.cancellation.alternation import Alternation
-from hil.experiments.decision import SIGMAS
 from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale, motor_speed_rps
 from hil.control.angles import ARCSEC
 from hil.control.cancellation_table import CancellationTable
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import Loop
 from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike, unshown
 from hil.experiments.peaks import Windows
@@ -51,8 +52,6 @@ REACTION_TURN = math.radians(50.0)
 """Largest angle between the reckoned reaction and what is found of it."""
 BINDS = 0.9
 """Speed of the set-points over the axis' limit from which the limit binds them."""
-COHERENT_SIGMAS = 3.0
-"""Standard errors from which an order is left."""
 
 UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"})
 """Causes that are none of the robot's, and are said of the worst window alone."""
@@ -245,7 +244,7 @@ class _Account:
         for part in parts:
             size, look = self._amplitude(looks, part), looks[0].sighting
             variance = look.unit_variance[part] * float(np.mean(look.residual**2))
-            if abs(size) > COHERENT_SIGMAS * math.sqrt(2.0 * variance / len(looks)):
+            if abs(size) > FAR_SIGMAS * math.sqrt(2.0 * variance / len(looks)):
                 total += look.wave(part, size)[: self._count]
         return total
 
@@ -332,7 +331,7 @@ class _Account:
         factor, turn = math.hypot(*found), math.atan2(-found[1], found[0])
         noise = (self._noise_mm / self._seen.windows.to_mm) ** 2 / self._seen.passed
         error = math.sqrt(noise / max(float(np.sum(reckoned[rows] ** 2)), 1e-30))
-        if not ABOUT[0] <= factor <= ABOUT[1] or abs(turn) > most_turn or factor < COHERENT_SIGMAS * error:
+        if not ABOUT[0] <= factor <= ABOUT[1] or abs(turn) > most_turn or factor < FAR_SIGMAS * error:
             return none
         return np.asarray(both @ found)
 

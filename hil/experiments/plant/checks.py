@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.design.estimation import MOST_MISFIT
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.errors import HilError, RefusalCause
 from hil.experiments.plant.motion import PlantRequest
@@ -30,8 +31,6 @@ ANTIRESONANCE_PCT, STIFFNESS_PCT = 1.0, 5.0
 """Largest standard errors with which a plant is accepted, %."""
 BEYOND_BAND = 1.1
 """Largest f_r over the highest frequency of the excitation: further out nothing shows it."""
-MISFIT = 4.0
-"""Residual in standard deviations above which the two-inertia model does not explain the data."""
 
 
 class PlantNotIdentifiedError(HilError):
@@ -180,11 +179,11 @@ def modes_words(estimate: PlantEstimate) -> str | None:
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
     """Describe a model that does not explain the data, or None."""
-    if estimate.misfit <= MISFIT:
+    if estimate.misfit <= MOST_MISFIT:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
-        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} "
+        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MOST_MISFIT:g} "
         "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are multiplied by it"
     )
 
