@@ -19,7 +19,6 @@ ALLOWED = {
         "EXIT_SDO": EXIT,
         "EXIT_USAGE": EXIT,
         "FEWEST": "samples of a window in a figure, and periods of an excitation: no relation",
-        "MARGIN_REV": "for the lag of a ramp, and for the excitation on top of a travel: two reserves that may part",
         "SCHEMA": "each kind of result.json counts its own",
         "SPEED_LOWPASS_HZ": "of the law, forwards; of the analysis, forwards and backwards",
     },

@@ -21,6 +21,10 @@ AnyComplex = NDArray[np.complexfloating[Any, Any]]
 
 CONTROL_PERIOD_S = 250e-6
 """Sampling time of the loop in the paper's drives: the default where no drive states its own."""
+OF_SAMPLING = 0.4
+"""Highest frequency, over the sampling rate, that samples or set-points carry.
+
+A held value loses a quarter of it there, and its first image is half as large as what was asked for."""
 
 
 @dataclass(frozen=True)

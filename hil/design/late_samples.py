@@ -12,10 +12,13 @@ Source: J. W. Tukey, in Robustness in Statistics, Academic Press 1979, chapter 8
 """
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
+from hil.design.estimation import SEARCHED_SIGMAS
 
 Real = NDArray[np.float64]
 
@@ -24,13 +27,9 @@ RESOLVED = 0.1
 KNOT_SAMPLES, KNOT_DEGREE = 8, 5
 WINDOW_SAMPLES = 101
 """Samples of which the scatter is the median."""
-FAR = 8.0
-"""Standard deviations beyond which a sample is late; of 10⁶ samples with normal noise none is."""
 LEAST_PERIODS, MOST_PERIODS = 0.02, 1.1
 """Delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
 REWEIGHTINGS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
-OF_NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +95,14 @@ def on_time(angle_rad: Real, period_s: float, resolution_rad: float, order: floa
 def _scatter(ahead: Real, resolution_rad: float) -> Real:
     """Standard deviation of most samples around each, at least that of rounding."""
     median = scipy.ndimage.median_filter(np.abs(ahead), WINDOW_SAMPLES)
-    return np.asarray(np.maximum(OF_NORMAL * median, max(resolution_rad / np.sqrt(12.0), np.finfo(float).tiny)))
+    return np.asarray(np.maximum(median / NormalDist().inv_cdf(0.75), max(resolution_rad / np.sqrt(12.0), np.finfo(float).tiny)))
 
 
 def _is_late(ahead: Real, scatter: Real, turn: Real) -> NDArray[np.bool_]:
     """True for a sample that a delay explains, and noise does not."""
-    return np.asarray((ahead > FAR * scatter) & (ahead > LEAST_PERIODS * turn) & (ahead < MOST_PERIODS * turn))
+    return np.asarray((ahead > SEARCHED_SIGMAS * scatter) & (ahead > LEAST_PERIODS * turn) & (ahead < MOST_PERIODS * turn))
 
 
 def _weight(ahead: Real, scatter: Real) -> Real:
-    """Tukey's biweight of each sample that is ahead; the least beyond `FAR`."""
-    return np.maximum((1.0 - np.clip(ahead / (FAR * scatter), 0.0, 1.0) ** 2) ** 2, LEAST_WEIGHT)
+    """Tukey's biweight of each sample that is ahead; the least beyond `SEARCHED_SIGMAS`."""
+    return np.maximum((1.0 - np.clip(ahead / (SEARCHED_SIGMAS * scatter), 0.0, 1.0) ** 2) ** 2, LEAST_WEIGHT)

@@ -25,7 +25,15 @@ import numpy as np
 import scipy
 
 from hil.design.estimate import Estimate
-from hil.design.estimation import FAR_SIGMAS, PROBABILITY, EstimatedMode, EstimatedParameter, UnidentifiableError, inverse
+from hil.design.estimation import (
+    EVALUATIONS,
+    FAR_SIGMAS,
+    PROBABILITY,
+    EstimatedMode,
+    EstimatedParameter,
+    UnidentifiableError,
+    inverse,
+)
 from hil.design.frequency import Complex, Real, TwoInertia
 from hil.design.plant_problem import (
     AGE,
@@ -50,8 +58,6 @@ ZETA_LEFT_OPEN = 3e-3
 """Relative error of ζ below which no fit is trusted: with a SYNC of 8 ms and an encoder of 13 bits ζ was off by 2.5 %.
 
 On the linear robots 10600 to 10629 the rms of z of ζ is 0.63 with it, and 0.82 without."""
-EVALUATIONS = 100
-"""Steps of a fit from one start."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.estimation import SEARCHED_SIGMAS, SEEN_SIGMAS
+from hil.design.frequency import OF_SAMPLING
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
 
 Real = NDArray[np.float64]
@@ -39,8 +40,8 @@ SLOW = 4
 """Degree of the slow curve: gravity along the way, and the ramp itself."""
 RAMP_END_S = 0.05
 """Time before the top of the ramp from which on nothing is used."""
-PADDING_S = 2.0
-"""Padding of the transforms: what rings longer than that hardly decays within a ramp."""
+PADDING_S = 3.0
+"""Time by which a transform is longer than its recording: what rings longer than that hardly decays within a ramp."""
 TOP_RATE_HZ = 200.0
 """Sampling beyond which every n-th sample says all."""
 
@@ -61,9 +62,10 @@ LEAST_TORQUE_EXPLAINED = 0.6
 """Fraction that the resonance explains of what plain orders leave over of the torque: 0.02 to 0.5 of a sensor's mounting."""
 FEWEST = 60
 """Least number of samples of the torque."""
-LEAST_MET_RPS = 0.5
-ROOM = 1.15
-"""The ramp goes on to so many times the speed at which an order meets the resonance."""
+LEAST_END_RPS = 0.5
+"""Speed below which no order counts as having met the resonance: friction depends on the speed there."""
+BEYOND_RESONANCE = 1.15
+"""Least end speed of a ramp over that at which an order meets the resonance: the vibration is largest behind it."""
 LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
 """Distance of the peak of |G_al| from that of the model, as a fraction, 0.003 + 1.2 ζ²: as seen on 35 linear robots."""
 
@@ -193,7 +195,7 @@ class _RampModel:
         self._slow = np.polynomial.legendre.legvander(place, SLOW)
         self._tip, self._torque = ramp.tip_m_s2[self._rows], ramp.torque_nm[self._rows]
         self._speed_rps, self._angle_rad, self._orders = speed_rps[self._rows], angle[self._rows], orders
-        highest = min(RANGE_HZ[1], 0.4 / period_s, max(orders) * self._top_rps / ROOM)
+        highest = min(RANGE_HZ[1], OF_SAMPLING / period_s, max(orders) * self._top_rps / BEYOND_RESONANCE)
         if highest < 2.0 * RANGE_HZ[0]:
             raise NoResonanceError(
                 f"the ramp shows frequencies up to {highest:.1f} Hz only; at least {2.0 * RANGE_HZ[0]:g} Hz are needed"
@@ -202,7 +204,7 @@ class _RampModel:
 
     def passes(self, speed_rps: float) -> bool:
         """True if the ramp passes a speed with room on both sides."""
-        return LEAST_MET_RPS <= speed_rps <= self._top_rps / ROOM
+        return LEAST_END_RPS <= speed_rps <= self._top_rps / BEYOND_RESONANCE
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
         """Columns of the model; shape (n, unknowns).

@@ -10,6 +10,9 @@ from typing import Self
 
 from hil.design.estimation import PROBABILITY
 
+MOST_RUNS = 4
+"""Most runs of either kind where one leaves a claim open: the mean of n runs halves the sensor's noise at n = 4."""
+
 
 @dataclass(frozen=True)
 class Decision:

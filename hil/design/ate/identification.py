@@ -33,7 +33,7 @@ from hil.control.angles import ARCSEC
 from hil.control.order_keys import amplitude_key, order_keys, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import misfit, noise_variance, structured_power
-from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
+from hil.design.ate.model import BAND, GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate.motion import motion_factor
 from hil.design.ate.refinement import bend_weight, is_rounding_felt, refined, slopes_by_arm, without_rounding
 from hil.design.estimate import Estimate
@@ -63,8 +63,6 @@ LEAST_SIZE_RAD = 1e-3 * ARCSEC
 """Amplitude below which an order has no phase."""
 BOTH_WAYS: Mapping[int, str] = MappingProxyType({1: "forwards", -1: "backwards"})
 """Directions of ramps, in words."""
-BAND = (0.5, 2.1)
-"""Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.estimation import SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
+from hil.design.estimation import DIFFERENCE_STEP, SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
 from hil.design.frequency import Complex, Real
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
 from hil.design.plant_identification import SMALLEST_MISFIT, Descents, PlantEstimate, estimate_of
@@ -34,8 +34,6 @@ MODES_APART = 1.15
 """Least ratio of two modes' frequencies."""
 UNKNOWN_COST = 3.0
 """What an unknown more must bring, over what the information criterion asks: scatter is not all that a model leaves."""
-SLOPE_STEP = 1e-5
-"""Change of an unknown for a slope."""
 LEADING = 0.3
 """Part of the largest tip part, or inertia, from which the lowest mode is the leading one."""
 
@@ -273,7 +271,9 @@ def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
         return np.array([*itertools.chain(*rows), stiffness, 2.0 * modes[lead].damping * stiffness / omega])
 
     values = numbers(fit.x)
-    slope = np.stack([(numbers(fit.x + SLOPE_STEP * unit) - values) / SLOPE_STEP for unit in np.eye(len(fit.x))], axis=1)
+    slope = np.stack(
+        [(numbers(fit.x + DIFFERENCE_STEP * unit) - values) / DIFFERENCE_STEP for unit in np.eye(len(fit.x))], axis=1
+    )
     errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     cells = [EstimatedParameter(float(v), float(e)) for v, e in zip(values, errors, strict=True)]
     parts = 5 if problem.data.tip is not None else 4

@@ -15,12 +15,11 @@ from hil.design.ate.model import DELAY_S
 from hil.design.estimation import FAR_SIGMAS, SEEN_SIGMAS, SURE_SIGMAS
 from hil.errors import HilError, RefusalCause
 from hil.experiments.ate.motion import Ramps
+from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
 
 Real = NDArray[np.float64]
 
-MAX_MISSED = 0.005
-"""Fraction of a pass' cycles that may lack an answer, the accelerometer, or a set-point in time."""
 LEAST_EXPLAINED = 0.6
 """Fraction of the vibration beyond noise that θ_sync must explain: 0.99 on gears of all kinds, 0.3 at a wrong resonance."""
 VIBRATES = 0.1

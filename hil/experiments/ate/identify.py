@@ -23,12 +23,13 @@ from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, JointEstimate, wi
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import SURE_SIGMAS, EstimatedParameter
+from hil.design.ringing import BEYOND_RESONANCE
 from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import AteNotIdentifiedError, factor_remark, reached_rps
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import OrderScan, OrderWatch, checked, identify_orders
-from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
+from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, PASSED, Ramp, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import AteRequest, AxisKnowledge, Miss, first_ramp, is_seen, sensing_of
 from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.master.session import Session

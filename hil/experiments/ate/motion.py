@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.control.trajectory import ConstantAcceleration, Smooth, sample_times
-from hil.experiments.ate.ramp import MARGIN_REV, Ramp
+from hil.experiments.ate.ramp import Ramp
+from hil.experiments.motions import MARGIN_REV
 from hil.master.motion import Motion, RunResult
 from hil.master.run import APPROACH_RAMP_S
 

@@ -12,18 +12,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hil.bench.bench import Bench
+from hil.control.cancellation_table import LIMIT_USED
 from hil.control.trajectory import reach_rps
+from hil.design.ringing import BEYOND_RESONANCE, LEAST_END_RPS
 from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.motions import MARGIN_REV
 
 Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
 """Limit that binds a ramp: without it alone, it would end faster or accelerate more slowly; empty if none does."""
 
-BEYOND_RESONANCE = 1.15
-"""Least end speed of a ramp over f_m2: the vibration has its largest amplitude behind the resonance."""
 END_OVER_RESONANCE = 1.35
 """End speed of a ramp over f_m2 where f_a is known: a faster ramp gives no more information."""
-MARGIN_REV = 0.5
-"""Distance of a ramp from the bench file's position limits: a motor lags its set-point, 0.4 rev at 10 rps and K_pp = 25/s."""
 FIRST_ORDER_END, PASSED = 1.2, 1.08
 """End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
@@ -32,9 +31,8 @@ SLOWEST_RPS_S = 0.3
 ARM_HURRY = 2.0
 """Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
-LEAST_END_RPS, LEAST_WANTED_RPS = 0.5, 1.0
-SPEED_FRACTION = 0.95
-"""Fraction of the speed limit that a ramp uses."""
+LEAST_WANTED_RPS = 1.0
+"""End speed that every ramp has that has the room for it."""
 ACCELERATION_ROOM = 1.001
 """Acceleration of a ramp over the least that has room."""
 ADVISED_RPS_S = 50.0
@@ -79,7 +77,7 @@ class RampLimits:
     @property
     def top_rps(self) -> float:
         """Largest speed of a ramp."""
-        return SPEED_FRACTION * self.speed_rps
+        return LIMIT_USED * self.speed_rps
 
     @property
     def braking_rps_s(self) -> float:
@@ -169,7 +167,7 @@ class Ramp:
         if not binds:
             return ""
         if binds == "speed":
-            return f"its limit speed_rps is {limits.speed_rps:g}; at least {end_rps / SPEED_FRACTION:.2f} is needed"
+            return f"its limit speed_rps is {limits.speed_rps:g}; at least {end_rps / LIMIT_USED:.2f} is needed"
         where, remedies = "between its position limits", ["widen them"]
         if limits.travel_limit == "joint travel":
             where, remedies = f"within ±{limits.joint_deg:g}° of the joint", ["raise identification_travel_deg"]

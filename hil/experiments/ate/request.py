@@ -116,8 +116,6 @@ class AteRequest:
 
 GEAR_FRACTION_ERROR = 0.15
 """Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
-LARGEST_FRACTION_ERROR = 0.29
-"""Standard deviation of a number of which nothing is known but that it lies between 0 and 1."""
 FARTHEST_DELAY_S = 0.010
 """Delay from a plant's beyond which none is searched, and its standard errors that must be within half of what is searched."""
 
@@ -229,11 +227,11 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
 
 
 def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -> float:
-    """Standard error of D_g/(D_g + D_l), at most `LARGEST_FRACTION_ERROR`."""
+    """Standard error of D_g/(D_g + D_l), at most that of a number between 0 and 1 of which nothing else is known."""
     error = errors.get("arm_damping_nm_s_rad")
     if error is None or not damping_nm_s_rad > 0.0:
         return GEAR_FRACTION_ERROR
-    return min(error / damping_nm_s_rad, LARGEST_FRACTION_ERROR)
+    return min(error / damping_nm_s_rad, 1.0 / math.sqrt(12.0))
 
 
 def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless: bool) -> Sensing:

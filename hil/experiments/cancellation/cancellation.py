@@ -21,7 +21,7 @@ from hil.bench.model import Identified, IdentifiedError, identified_axis, signif
 from hil.can.channel import Channel
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
-from hil.control.cancellation_table import CancellationTable, MotorLoad
+from hil.control.cancellation_table import LIMIT_USED, CancellationTable, MotorLoad
 from hil.design.estimation import SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
@@ -47,8 +47,6 @@ HIGHEST_OVER_RESONANCE = 3.2
 An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
 MAX_TORQUE_FRACTION = 0.2
 """Largest torque offset as a fraction of the torque limit."""
-TORQUE_USED = 0.95
-"""Fraction of that up to which waves are fitted in."""
 ORDINARY = 0.98
 """Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 LOAD_ROOM = 1.5
@@ -299,7 +297,7 @@ def table_of(
             raise NotPossibleError(f"axis {number}: {error_of}", ("nothing to cancel",)) from error_of
 
     kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
-    alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm
+    alone, room_nm = by("torque alone") if by_torque else None, LIMIT_USED * MAX_TORQUE_FRACTION * limits.torque_nm
     return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
 
 

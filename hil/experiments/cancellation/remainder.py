@@ -30,6 +30,7 @@ from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import Loop
 from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike, unshown
 from hil.experiments.peaks import Windows
+from hil.experiments.window import NOISE_PEAK
 from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
 
@@ -41,8 +42,6 @@ JOLT_FACTOR = 1.3
 """What is asked at least, in units of what the motion makes of its own."""
 HALF = 0.5
 """Part of what is above that a cause takes away at least."""
-NOISE_SIGMAS = 2.5
-"""Largest value of noise in a window, in its standard deviations."""
 ABOUT = (0.3, 2.5)
 """Amplitude found over that reckoned within which a cause counts as found.
 
@@ -154,7 +153,7 @@ class _Account:
 
     def entry(self) -> CancellationRemainder:
         """Entry of the remainder for the result file."""
-        hidden_mm = NOISE_SIGMAS * self._noise_mm
+        hidden_mm = NOISE_PEAK * self._noise_mm
         causes: list[RemainderCause] = []
         if self._is_seen:
             worst = self._order

@@ -3,15 +3,13 @@
 import math
 from collections.abc import Sequence
 
-from hil.design.frequency import CONTROL_PERIOD_S, TwoInertia
+from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, TwoInertia
 from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
 """Band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
-PER_SYNC = 0.4
-"""Highest frequency times the SYNC period: a held torque loses a quarter of it there, and its first image is half as large."""
 BELOW_F_A, ABOVE_F_R, ABOVE_F_A = 0.4, 1.8, 2.5
 """Ends of the main run's band: low ones over f_a, high ones over f_r and f_a."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
@@ -37,7 +35,7 @@ def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
 
 def highest_hz(sync_s: float) -> float:
     """Highest frequency that set-points of a SYNC period carry."""
-    return PER_SYNC / sync_s
+    return OF_SAMPLING / sync_s
 
 
 def pilot_band(request: PlantRequest, sync_s: float) -> Band:

@@ -11,6 +11,7 @@ import numpy as np
 from hil.design.estimation import MOST_MISFIT
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.errors import HilError, RefusalCause
+from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.pilot import told_lever_ratio
 from hil.master.motion import Real
@@ -19,8 +20,6 @@ SATURATED_FRACTION = 1e-3
 """Fraction of the rows that may be at the torque limit."""
 REVERSED_FRACTION = 5e-3
 """Fraction of the rows in which the motor may turn against its bias."""
-SENSOR_MISSED_FRACTION = 5e-3
-"""Fraction of the rows that may lack the accelerometer."""
 AT_RANGE_ROWS = 4
 """Rows in which the accelerometer may show its very largest value; noise leaves that to one or two."""
 TIP_COHERENCE = 0.5
@@ -127,8 +126,8 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         rows: Number of all cycles.
         sensor: Name of the tip's sensor.
     """
-    if missed > SENSOR_MISSED_FRACTION * rows:
-        most = math.floor(SENSOR_MISSED_FRACTION * rows)
+    if missed > MAX_MISSED * rows:
+        most = math.floor(MAX_MISSED * rows)
         return f"the {sensor} was missing in {missed} of {rows} cycles; at most {most} are allowed"
     largest = float(np.max(np.abs(tip_m_s2)))
     if largest == 0.0 or float(np.ptp(tip_m_s2)) == 0.0:

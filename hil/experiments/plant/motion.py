@@ -19,13 +19,12 @@ from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Complex
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, takes_torque_offset
+from hil.experiments.motions import MARGIN_REV
 from hil.master.motion import Motion, Real
 from hil.master.whereabouts import move_command
 
 RAMP_S = 0.5
 """Duration of a change of speed; the turns between stretches are not evaluated."""
-MARGIN_REV = 0.5
-"""Distance of the planned travel from the position limits, for the excitation on top of it."""
 SETTLE_S = 0.4
 """Time from the start of a slow stretch to its evaluated part."""
 PERIODS_S = (2.0, 1.0)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.cancellation_table import LIMIT_USED
 from hil.control.cascade import Cascade
 from hil.design.frequency import Complex, Loop
 from hil.design.plant_identification import PlantEstimate
@@ -21,9 +22,6 @@ EXCITED_TORQUE_FRACTION = 0.6
 """Fraction of the torque limit that the whole torque may reach."""
 EXCITED_SPEED_FRACTION = 0.75
 """Fraction of the bias speed that excitation and transmission error may take from it."""
-SET_POINT_FRACTION = 0.95
-"""Fraction of the speed limit that set-points with an excitation may reach: rounding to counts adds 0.12 rev/s to each step of a
-2 ms SYNC at 4096 counts per revolution."""
 SET_POINTS = "speed of the set-points"
 """Name of that limit, beside those of `Room`."""
 TIP_FRACTION = 0.6
@@ -150,7 +148,7 @@ def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: f
     wave = travel.wave
     steps = np.diff(np.concatenate([[0.0], wave.wave, wave.wave[:1]]))
     fastest_rps = float(np.max(np.abs(steps))) / wave.sample_s / math.tau
-    return max(0.0, SET_POINT_FRACTION * speed_limit_rps - travel.bias_rps) / fastest_rps
+    return max(0.0, LIMIT_USED * speed_limit_rps - travel.bias_rps) / fastest_rps
 
 
 @dataclass(frozen=True)

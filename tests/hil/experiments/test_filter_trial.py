@@ -8,7 +8,8 @@ import pytest
 
 from hil.analysis import tip_scale
 from hil.bench.bench import load_bench
-from hil.experiments.filter_trial import MOST_RUNS, try_filters
+from hil.experiments.decision import MOST_RUNS
+from hil.experiments.filter_trial import try_filters
 from hil.recording import Recording
 from hil.results.runs import FilterTrial
 

@@ -22,11 +22,12 @@ from hil.design.estimation import FAR_SIGMAS, SIGMAS
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import LEAST_REACH_S, GearReaction, PartOutcome, peak_and_rms, told_part
+from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms, told_part
 from hil.experiments.cancellation.probing.pace import KnownSettings, at_pace, learn_at_pace
 from hil.experiments.cancellation.probing.reaction import shown_reactions
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper
 from hil.experiments.cancellation.probing.runs import Runs
+from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.judge import axis_scale, line_scale, missing_words
 from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import Motion

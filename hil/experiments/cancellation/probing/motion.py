@@ -23,8 +23,6 @@ from hil.robot_tables import TransmissionErrorTable
 Real = NDArray[np.float64]
 Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
 
-LEAST_REACH_S = 0.1
-"""Least time for which k f_m must lie in the band of the vibration: about the period of what swings there."""
 CHANGES_HZ = 3.0
 """Frequency up to which amplitude and phase of what an order does to the tip change: as the motor passes a resonance."""
 LEAST_KEPT = 0.5
