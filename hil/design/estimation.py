@@ -21,8 +21,6 @@ SEEN_SIGMAS = 5.0
 """Standard errors of an amplitude from which it is measured: to 20 %."""
 SEARCHED_SIGMAS = 8.0
 """The same of the largest of many, or of a model that was searched for: of 10⁶ samples with normal noise none is so large."""
-MOST_MISFIT = 4.0
-"""Root mean square of residuals, in standard deviations, up to which a model explains them."""
 DIFFERENCE_STEP = np.finfo(np.float64).eps ** (1.0 / 3.0)
 """Step of a central difference, 6e-6, at which rounding and curvature err alike."""
 ROUNDING = math.sqrt(np.finfo(np.float64).eps)

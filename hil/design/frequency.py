@@ -25,6 +25,8 @@ OF_SAMPLING = 0.4
 """Highest frequency, over the sampling rate, that samples or set-points carry.
 
 A held value loses a quarter of it there, and its first image is half as large as what was asked for."""
+LIKELY_DAMPING = 0.03
+"""Damping ratio of a resonance of which nothing but its frequency is known: arms on harmonic drives have 0.02 to 0.05."""
 
 
 @dataclass(frozen=True)

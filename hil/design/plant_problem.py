@@ -41,6 +41,7 @@ LAG_PRIOR_S = 1e-3
 TILT_PRIOR = 0.15
 """Standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit."""
 TILT_HZ = 40.0
+"""Frequency at which the accelerometer's tilt is stated: beyond the resonances of most arms."""
 DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
 """Standard deviation of what the accelerometer's phase at `TILT_HZ` has beyond a delay: that of a low-pass with such a tilt.
 
@@ -52,6 +53,7 @@ LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
+"""Least time constant of a current loop: a fit begins at half of it, and is held below five of them at first."""
 OUTSIDE = 1.2
 """Largest ratio of a resonance to the end of the band at which it still counts."""
 TRIED = 16
@@ -75,7 +77,7 @@ what tells J_m; elsewhere the measured torque tells it better.
 IMAGE_ERROR = 0.5
 """Standard deviation of the sensor's gain where images are, and of each image about it: it is not known at such frequencies."""
 SMOOTHED_LINES = 5
-"""Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
+"""Lines over which a power is averaged before it weighs: that of one line, or of a few periods, is too uncertain alone."""
 
 
 @dataclass(frozen=True)

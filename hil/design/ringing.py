@@ -36,6 +36,7 @@ RANGE_HZ = (2.0, 48.0)
 GRID_STEP = 0.035
 """Distance of two frequencies of the grid, as a logarithm."""
 DAMPINGS = (0.012, 0.03, 0.06, 0.12, 0.22)
+"""Damping ratios of the grid, a factor of 2 apart, from the best of which the fit goes on."""
 SLOW = 4
 """Degree of the slow curve: gravity along the way, and the ramp itself."""
 RAMP_END_S = 0.05
@@ -52,14 +53,20 @@ LEAST_TIP_EXPLAINED = 0.5
 MOST_UNCERTAINTY = 0.06
 """Largest standard error of a frequency, as a fraction of it."""
 
+RINGING = 1.35
+"""Factor r about a resonance within which an order makes it ring: beyond, the arm moves less than 1/(r² − 1) = 1.2 θ_sync."""
+
 TORQUE_SPEEDS = (0.55, 1.7)
 """Speeds at which the torque is looked at, in units of that at which the clearest order meets the resonance."""
 TORQUE_FREQUENCIES = np.exp(np.arange(-0.5, 0.51, 0.05))
 """Frequencies at which the torque is fitted, in units of the tip's."""
 TORQUE_AGREEMENT = 0.08
 """Largest difference of the frequencies that tip and torque show, as a fraction."""
-LEAST_TORQUE_EXPLAINED = 0.6
-"""Fraction that the resonance explains of what plain orders leave over of the torque: 0.02 to 0.5 of a sensor's mounting."""
+LEAST_EXPLAINED = 0.6
+"""Fraction that a resonance explains of what it is to explain.
+
+Of the vibration beyond noise it is 0.99 on gears of all kinds, and 0.3 at a wrong resonance; of what plain orders leave over of
+the torque, 0.02 to 0.5 where a sensor's mounting rings."""
 FEWEST = 60
 """Least number of samples of the torque."""
 LEAST_END_RPS = 0.5
@@ -263,7 +270,7 @@ class _RampModel:
         gained = float(before @ before - after @ after)
         noise = max(_noise_near(after, self._period_s, tip.resonance_hz), 1e-300)
         is_clear = gained >= SEEN_SIGMAS**2 * unknowns * noise
-        return bool(agrees and is_clear and gained >= LEAST_TORQUE_EXPLAINED * float(before @ before))
+        return bool(agrees and is_clear and gained >= LEAST_EXPLAINED * float(before @ before))
 
     def _left(self, resonance_hz: float, damping: float) -> float:
         """Power of the tip's vibration that the model does not explain."""

@@ -36,7 +36,7 @@ from hil.design.ate.refinement import MOUNTING_HZ
 from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
 from hil.design.estimate import Estimate
-from hil.design.plant_problem import smooth
+from hil.design.plant_problem import SMOOTHED_LINES
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -291,12 +291,12 @@ class GearFit:
         """Smoothed power of the vibration that θ_sync makes, per sample."""
         still = p.copy()
         still[self._setting.waves] = 0.0
-        made = []
+        made, window = [], np.ones(SMOOTHED_LINES) / SMOOTHED_LINES
         with_error, _ = self._left(p)
         without, _ = self._left(still)
         for ramp, one, other in zip(self._ramps, with_error, without, strict=True):
             powers = [np.abs(a - b) ** 2 / n for a, b, n in zip(one, other, ramp.counts, strict=True)]
-            made.append([smooth(each) for each in powers])
+            made.append([np.convolve(each, window, "same") for each in powers])
         return made
 
     def _cost(self, p: Real, left: list[list[Complex]], variances: list[list[Real]]) -> float:

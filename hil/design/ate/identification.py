@@ -38,13 +38,13 @@ from hil.design.ate.motion import motion_factor
 from hil.design.ate.refinement import bend_weight, is_rounding_felt, refined, slopes_by_arm, without_rounding
 from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter, inverse
+from hil.design.ringing import DAMPINGS
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 Real = NDArray[np.float64]
 
 SEARCH_HZ = (4.0, 35.0)
 """Resonances among which an unknown arm is searched."""
-SEARCH_DAMPING = (0.02, 0.05, 0.12)
 DELAYS, FINE_DELAYS = 11, 21
 """Delays of a search over arm and delay, and of the one for the delay alone."""
 SPRING_MISS = 0.01
@@ -261,7 +261,7 @@ def _search(
     if start is not None and start.others:  # with the other modes as they are known only this one's neighbourhood is left
         low, high = 0.9 * start.resonance_hz, min(1.1 * start.resonance_hz, top)
     others = () if start is None else start.others
-    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in SEARCH_DAMPING]
+    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in DAMPINGS]
     if start is not None:
         arms.append(start)
     # the motor's own motion is as late as all else: at 30 Hz a delay that is left out looks like another resonance

@@ -37,6 +37,7 @@ LOSSLESS_ERROR = 0.1
 REACTS = 0.5
 """Prior probability that a gear reacts on its motor: neither is preferred."""
 FEWEST_WINDOWS = 20
+"""Windows below which a torque says nothing of a reaction: a jackknife of fewer than two blocks has no spread."""
 BLOCK = 16
 """Windows of a block: those that overlap, and as many again."""
 ARM_MISFIT = 0.05

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hil.design.ate.model import Sweep
 from hil.design.estimation import ROUNDING
 from hil.design.frequency import OF_SAMPLING
+from hil.design.ringing import RINGING
 from hil.design.transmission_error import motor_speed_rps
 
 Real = NDArray[np.float64]
@@ -32,8 +33,10 @@ PATH_SAMPLES, WAVE_SAMPLES = 7.5, 19.0
 """Samples between the knots of θ̄ and of the other orders' amplitudes.
 
 On four drawn robots with T = 8 ms, 6 to 10 and 12 to 31 samples give A_k that differ by 0.1 to 0.5 %."""
-RINGING, PASSING = 1.35, 1.16
-"""Factors around f_a within which a fitted and another order make the arm ring, which shakes the motor: these rows are left out.
+PASSING = 1.16
+"""Factor around f_a within which an order that is not fitted shakes the motor; a fitted one does within `RINGING`.
+
+These rows are left out.
 
 With them, an order of one of the four robots got 383″ instead of 56″."""
 STRETCH_ROWS = 30

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, MOST_MISFIT, ROUNDING
+from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, ROUNDING
 from hil.design.frequency import Real
 
 RANK_TOLERANCE = 1e-5
@@ -30,6 +30,8 @@ LEAST_INERTIA_ERROR = 0.01
 MOST_STARTS, START_SPREAD, GOOD_COST = 4, 0.6, 1.0
 """Starts of the fit at most, by how much the masses of their links differ (natural logarithm), and the cost of a residual, half
 its square, from which one is good enough: a fit may take dips for each other."""
+MOST_MISFIT = 5.0
+"""Misfit from which masses are none, in standard errors."""
 PER_BODY = 10
 """Numbers of a link in θ."""
 FAR_OFF = 1e3

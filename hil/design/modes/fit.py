@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from hil.design.estimation import DIFFERENCE_STEP, SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
-from hil.design.frequency import Complex, Real
+from hil.design.frequency import LIKELY_DAMPING, Complex, Real
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
 from hil.design.plant_identification import SMALLEST_MISFIT, Descents, PlantEstimate, estimate_of
 from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
@@ -23,7 +23,6 @@ from hil.design.plant_spectra import Spectra
 
 MODE_GRID = 32
 """Frequencies that are tried for a mode."""
-TRIED_DAMPING = 0.04
 START_OPEN = 0.05
 """Relative error that is left open while starts are looked for: dampings are not fitted there."""
 DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.02)
@@ -192,7 +191,7 @@ def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
     angle = data.angle.mean(axis=0)
     stiffness = np.asarray(torque / angle)
     noise = np.sqrt(problem.scatter.output) / np.maximum(np.abs(angle), 1e-300)
-    columns = [jw**2, jw, *(jw**2 * amplification(float(hz), TRIED_DAMPING, jw) / problem.ratio**2 for hz in grid)]
+    columns = [jw**2, jw, *(jw**2 * amplification(float(hz), LIKELY_DAMPING, jw) / problem.ratio**2 for hz in grid)]
     return _weighted(np.stack(columns, axis=1), stiffness, 1.0 / (np.abs(stiffness) * np.hypot(noise, START_OPEN)), 2)
 
 
@@ -211,7 +210,7 @@ def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
     rigid = problem.lever_m / problem.ratio * jw**2
     found = []
     for delay_s in DELAYS_S:
-        columns = [rigid * amplification(float(hz), TRIED_DAMPING, jw) * np.exp(-jw * delay_s) for hz in grid]
+        columns = [rigid * amplification(float(hz), LIKELY_DAMPING, jw) * np.exp(-jw * delay_s) for hz in grid]
         found.append(_weighted(np.stack(columns, axis=1), follows, weight, 0, delay_s))
     return found
 
@@ -231,7 +230,7 @@ def _start(problem: ModalProblem, grid: Real, each: tuple[int, ...], motor: _Lin
     parts = sizes / whole if best is None else best.signed(each)[1]
     lever = max(abs(float(np.sum(parts))), 0.1)
     modes = [
-        ArmMode(float(s), float(grid[i]), TRIED_DAMPING, float(p) / lever) for i, s, p in zip(each, sizes, parts, strict=True)
+        ArmMode(float(s), float(grid[i]), LIKELY_DAMPING, float(p) / lever) for i, s, p in zip(each, sizes, parts, strict=True)
     ]
     start = np.array([max(float(solved[0]), 0.02 * whole / problem.ratio**2), float(solved[1])])
     x = problem.start_with(start, sorted(modes, key=lambda mode: -mode.inertia_kg_m2))

@@ -40,7 +40,7 @@ INERTIA, FREQUENCY, ZETA, PART = range(4)
 WIDEST = 0.3
 """Largest change of ln ω_i in one round of the fit."""
 TIP_HZ = 60.0
-"""Frequency up to which the tip is used."""
+"""Frequency up to which a tip shows anything: arms ring at 4 to 30 Hz, and what filters make beyond has died away at once."""
 SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
 """Range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
 

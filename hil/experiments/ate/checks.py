@@ -13,6 +13,7 @@ from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S
 from hil.design.estimation import FAR_SIGMAS, SEEN_SIGMAS, SURE_SIGMAS
+from hil.design.ringing import LEAST_EXPLAINED
 from hil.errors import HilError, RefusalCause
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.measurement import MAX_MISSED
@@ -20,8 +21,6 @@ from hil.master.motion import RunResult
 
 Real = NDArray[np.float64]
 
-LEAST_EXPLAINED = 0.6
-"""Fraction of the vibration beyond noise that θ_sync must explain: 0.99 on gears of all kinds, 0.3 at a wrong resonance."""
 VIBRATES = 0.1
 """Fraction of the vibration that neither the orders nor noise explain, from which another order is looked for."""
 GAIN_OF_PASSES = 2.0

@@ -14,27 +14,26 @@ from typing import Literal
 from hil.bench.bench import Bench
 from hil.control.cancellation_table import LIMIT_USED
 from hil.control.trajectory import reach_rps
-from hil.design.ringing import BEYOND_RESONANCE, LEAST_END_RPS
+from hil.design.estimation import ROUNDING
+from hil.design.ringing import BEYOND_RESONANCE, LEAST_END_RPS, RINGING
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.motions import MARGIN_REV
 
 Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
 """Limit that binds a ramp: without it alone, it would end faster or accelerate more slowly; empty if none does."""
 
-END_OVER_RESONANCE = 1.35
-"""End speed of a ramp over f_m2 where f_a is known: a faster ramp gives no more information."""
 FIRST_ORDER_END, PASSED = 1.2, 1.08
 """End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
 """Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
 SLOWEST_RPS_S = 0.3
+"""Least acceleration of a first pass, which an arm below 3.3 Hz has."""
 ARM_HURRY = 2.0
 """Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
+"""End speed where f_a is not known, at which order 2 has passed one of 17 Hz; deceleration where no bench file names one."""
 LEAST_WANTED_RPS = 1.0
 """End speed that every ramp has that has the room for it."""
-ACCELERATION_ROOM = 1.001
-"""Acceleration of a ramp over the least that has room."""
 ADVISED_RPS_S = 50.0
 """Accelerations from here on are not advised in messages."""
 
@@ -213,7 +212,7 @@ def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_
     if asked_rps_s > most:
         remedy = f"lower it, or raise axis.{limits.axis}.limits.acceleration_rps_s"
         raise UnsafeRequestError(f"the acceleration of axis {limits.axis}", asked_rps_s, most, "rev/s²", remedy)
-    acceleration = max(asked_rps_s, min(ACCELERATION_ROOM * limits.slowest(min(least_end_rps, top)), braking))
+    acceleration = max(asked_rps_s, min((1.0 + ROUNDING) * limits.slowest(min(least_end_rps, top)), braking))
     by_travel = reach_rps(limits.room_rev, acceleration, braking)
     end = min(end_rps, top, by_travel)
     binds: Binding = ""
@@ -232,5 +231,5 @@ def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float,
     Without an f_a it aims at `blind_end_rps`, with room for f_m2 of an arm of `ACCELERATION_AT_HZ`. `is_raised`: where travel is
     short.
     """
-    least = max(END_OVER_RESONANCE * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
+    least = max(RINGING * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
     return plan_ramp(limits, asked_rps_s, limits.blind_end_rps if arm_hz is None else least, least if is_raised else 0.0)

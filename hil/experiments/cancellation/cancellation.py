@@ -22,9 +22,10 @@ from hil.can.channel import Channel
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import LIMIT_USED, CancellationTable, MotorLoad
-from hil.design.estimation import SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
+from hil.design.ringing import RINGING
+from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offset
 from hil.experiments.cancellation.effect import Part, Response
@@ -39,8 +40,6 @@ from hil.robot_tables import TransmissionErrorTable
 
 MAX_ERROR_ARCSEC = 200.0
 """Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
-KEPT_OVER_RESONANCE = 1.3
-"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
 HIGHEST_OVER_RESONANCE = 3.2
 """Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
 
@@ -296,7 +295,7 @@ def table_of(
         except ValueError as error_of:
             raise NotPossibleError(f"axis {number}: {error_of}", ("nothing to cancel",)) from error_of
 
-    kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
+    kept_hz = RINGING * scale.f_al_hz
     alone, room_nm = by("torque alone") if by_torque else None, LIMIT_USED * MAX_TORQUE_FRACTION * limits.torque_nm
     return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
 
@@ -345,7 +344,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
     It is 0 if it is not identified, or not significant.
     """
     part = identified_axis(identified, number).plant
-    if part is None or part.torque_lag_s < SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
+    if part is None or part.torque_lag_s < CORNER_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
     return part.torque_lag_s
 

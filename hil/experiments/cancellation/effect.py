@@ -261,7 +261,7 @@ def acceleration_of(
 
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
     """Unknowns of least squares, their variances per residual variance, and the residual."""
-    scale = np.sqrt(np.sum(columns**2, axis=0)) + np.finfo(np.float64).tiny
+    scale = np.sqrt(np.sum(columns**2, axis=0)) + np.finfo(np.float64).tiny ** 0.25
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
     inverse = np.linalg.inv(scaled.T @ scaled + ROUNDING * np.eye(len(scale)))

@@ -24,12 +24,13 @@ from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.motion import motion_factor
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation
+from hil.design.ringing import RINGING
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor
 from hil.experiments.ate.identify import SEARCHED_PASSES, checked_on_gear, standard_errors
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import OrderWatch, identify_orders, is_passed, is_significant
-from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
+from hil.experiments.ate.ramp import ACCELERATION_RPS_S, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import axis_knowledge, modal_arm
 from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, treated_model
@@ -52,7 +53,9 @@ LOWEST = 2.0
 """Order whose resonance every ramp passes; a lower one's where the limits allow."""
 
 PASSES = 5
+"""Most passes unless another number is asked for: without, with a part, and three with the whole cancellation."""
 SECOND_GAIN = 0.5
+"""Part of a cancellation in the second pass: were it turned by 180°, it would add half of the vibration."""
 FIRST_WHOLE = 3
 """Number of the first pass with the whole cancellation."""
 
@@ -371,7 +374,7 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
     """End speed for a reached order below 2 in later ramps, or 0."""
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
-    return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
+    return min(end_rps, RINGING * arm_hz / min(low)) if low else 0.0
 
 
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:

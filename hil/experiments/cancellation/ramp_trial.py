@@ -13,10 +13,10 @@ import numpy as np
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.control.cancellation_table import LIMIT_USED
-from hil.design.ringing import BEYOND_RESONANCE
+from hil.design.ringing import BEYOND_RESONANCE, RINGING
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import Ramps, ramps
-from hil.experiments.ate.ramp import END_OVER_RESONANCE, RampLimits, plan_ramp
+from hil.experiments.ate.ramp import RampLimits, plan_ramp
 from hil.experiments.cancellation.effect import Part, Response, sight
 from hil.experiments.cancellation.verdict import Seen
 from hil.experiments.cancellation.waves import waves_of
@@ -41,7 +41,7 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
         own, speed_rps=min(own.speed_rps, top_rps / LIMIT_USED), position_rev=min(own.position_rev, float(np.ptp(angle_rev)))
     )
     needed = BEYOND_RESONANCE * f_al_hz / min(orders)
-    ramp = plan_ramp(limits, limits.suited(f_al_hz), END_OVER_RESONANCE * f_al_hz / min(orders), needed)
+    ramp = plan_ramp(limits, limits.suited(f_al_hz), RINGING * f_al_hz / min(orders), needed)
     if ramp.end_rps < needed:
         raise NotPossibleError(
             f"axis {axis} needs {needed:.2f} rev/s for it; within limits, travel and speed of the motion it reaches "

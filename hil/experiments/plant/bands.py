@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, TwoInertia
+from hil.design.ringing import RINGING
 from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
@@ -13,10 +14,11 @@ PILOT_HZ = (1.5, 90.0)
 BELOW_F_A, ABOVE_F_R, ABOVE_F_A = 0.4, 1.8, 2.5
 """Ends of the main run's band: low ones over f_a, high ones over f_r and f_a."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
+"""Least ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
 LARGEST_LOW_HZ = 3.0
+"""Most that the lower end is: from there down the inertia of the whole axis shows, whatever the arm."""
 BIAS_RPS = 2.0
-AWAY = 1.3
-"""Factor between the frequency of an order and f_a that is far enough."""
+"""Usual bias speed: beyond the Stribeck range of most gears (`STRIBECK_RAD_S`), and a turn shows every order in half a second."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Bias speeds that are tried, as factors of the usual one."""
 FASTS = (1.0, 0.85, 0.7)
@@ -89,7 +91,7 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
 def _quiet(f_a: float, speeds: Sequence[float]) -> float:
     """First of some speeds at which no order falls on f_a."""
     away = [min(math.exp(abs(math.log(order * speed / f_a))) for order in ORDERS) for speed in speeds]
-    first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= AWAY), None)
+    first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= RINGING), None)
     return speeds[away.index(max(away))] if first is None else first
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.design.estimation import MOST_MISFIT
+from hil.design.estimation import SURE_SIGMAS
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.errors import HilError, RefusalCause
 from hil.experiments.measurement import MAX_MISSED
@@ -178,11 +178,11 @@ def modes_words(estimate: PlantEstimate) -> str | None:
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
     """Describe a model that does not explain the data, or None."""
-    if estimate.misfit <= MOST_MISFIT:
+    if estimate.misfit <= SURE_SIGMAS:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
-        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MOST_MISFIT:g} "
+        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {SURE_SIGMAS:g} "
         "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are multiplied by it"
     )
 

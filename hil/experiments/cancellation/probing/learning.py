@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
-from hil.design.estimation import FAR_SIGMAS, SIGMAS
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
+from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms, told_part
@@ -265,7 +266,7 @@ def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: 
     return np.asarray(wanted)
 
 
-def _told(learning: MotionLearning, led: _Led, least: float = SIGMAS) -> Real:
+def _told(learning: MotionLearning, led: _Led, least: float = CORNER_SIGMAS) -> Real:
     """Set insignificant orders to 0, and enter all outcomes.
 
     `least` are the standard errors from which an order is significant.
