@@ -54,8 +54,8 @@ LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
 """Least time constant of a current loop: a fit begins at half of it, and is held below five of them at first."""
-OUTSIDE = 1.2
-"""Largest ratio of a resonance to the end of the band at which it still counts."""
+OUTSIDE = 1.1
+"""Largest ratio of a resonance to the highest frequency of the excitation: further out nothing shows it."""
 TRIED = 16
 """Anti-resonances that are tried as a start."""
 OTHER_RESONANCES, OTHER_BY = 8, 0.08

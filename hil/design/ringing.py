@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from hil.design.estimation import SEARCHED_SIGMAS, SEEN_SIGMAS
 from hil.design.frequency import OF_SAMPLING
+from hil.design.plant_spectra import TREND_ORDER
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
 
 Real = NDArray[np.float64]
@@ -37,8 +38,6 @@ GRID_STEP = 0.035
 """Distance of two frequencies of the grid, as a logarithm."""
 DAMPINGS = (0.012, 0.03, 0.06, 0.12, 0.22)
 """Damping ratios of the grid, a factor of 2 apart, from the best of which the fit goes on."""
-SLOW = 4
-"""Degree of the slow curve: gravity along the way, and the ramp itself."""
 RAMP_END_S = 0.05
 """Time before the top of the ramp from which on nothing is used."""
 PADDING_S = 3.0
@@ -190,7 +189,7 @@ class _RampModel:
         begin, end, speed_rps = _rising(ramp)
         every = max(1, int(0.5 / period_s / TOP_RATE_HZ))
         self._rows = np.arange(begin, end, every)
-        if len(self._rows) < 8 * (2 * len(orders) + SLOW + 3):
+        if len(self._rows) < 8 * (2 * len(orders) + TREND_ORDER + 3):
             raise NoResonanceError(f"the ramp has {len(self._rows)} samples, too few for a resonance")
         self._time_s = (self._rows - begin) * period_s
         self._period_s = every * period_s
@@ -199,7 +198,7 @@ class _RampModel:
         waves = shown_waves(angle, period_s, orders)
         self._frequency, self._spectra = acceleration_spectrum(waves, period_s, self._length)
         place = 2.0 * self._time_s / self._time_s[-1] - 1.0
-        self._slow = np.polynomial.legendre.legvander(place, SLOW)
+        self._slow = np.polynomial.legendre.legvander(place, TREND_ORDER)
         self._tip, self._torque = ramp.tip_m_s2[self._rows], ramp.torque_nm[self._rows]
         self._speed_rps, self._angle_rad, self._orders = speed_rps[self._rows], angle[self._rows], orders
         highest = min(RANGE_HZ[1], OF_SAMPLING / period_s, max(orders) * self._top_rps / BEYOND_RESONANCE)
@@ -255,7 +254,7 @@ class _RampModel:
         if np.count_nonzero(rows) < FEWEST:
             return False
         torque, place = self._torque[rows], 2.0 * (self._time_s[rows] - self._time_s[rows][0]) / np.ptp(self._time_s[rows]) - 1.0
-        plain = [np.polynomial.legendre.legvander(place, SLOW)]
+        plain = [np.polynomial.legendre.legvander(place, TREND_ORDER)]
         for order in self._orders:
             wave = np.column_stack([np.cos(order * self._angle_rad[rows]), np.sin(order * self._angle_rad[rows])])
             plain += [wave, place[:, np.newaxis] * wave]

@@ -22,7 +22,7 @@ from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, ROUNDING
 from hil.design.frequency import Real
 
 RANK_TOLERANCE = 1e-5
-"""The same of what was measured, all unknowns scaled alike: from there a combination is not determined by these postures."""
+"""Singular value over the largest, all unknowns scaled alike, below which these postures do not determine a combination."""
 LEAST_FREQUENCY_ERROR = 0.003
 """Relative error of a dip at least: an excited joint turns by degrees, and its dips move by some tenths of a per cent."""
 LEAST_INERTIA_ERROR = 0.01

@@ -28,12 +28,14 @@ from hil.design.plant_problem import (
     J_L,
     K_G,
     LARGEST_CHANGE,
+    LEVER,
+    TURNED,
     PlantProblem,
     SamplingTiming,
 )
 from hil.design.plant_spectra import Spectra
 
-WITHOUT_TIP, WITH_TIP = 8, 14
+WITHOUT_TIP, WITH_TIP = LEVER, TURNED + 1
 """Unknowns of motor and first mode."""
 INERTIA, FREQUENCY, ZETA, PART = range(4)
 """Unknowns of each further mode: ln J_i, ln ω_i, ln ζ_i, and with an accelerometer γ_i."""

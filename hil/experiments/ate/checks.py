@@ -26,7 +26,7 @@ VIBRATES = 0.1
 GAIN_OF_PASSES = 2.0
 """Factor by which further passes, each slower, lower the standard errors."""
 SCALE_TOLERANCE = 0.25
-"""Deviation from 1 of the motion's factor that is a wrong axis, sensor or lever: absolute, and in standard errors."""
+"""Deviation from 1 of the motion's factor that is a wrong axis, sensor or lever."""
 SCALE_REMARK = 0.08
 """Deviation of that factor that is worth a note."""
 FEELS_NOTHING = 0.2

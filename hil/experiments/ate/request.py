@@ -117,7 +117,7 @@ class AteRequest:
 GEAR_FRACTION_ERROR = 0.15
 """Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
 FARTHEST_DELAY_S = 0.010
-"""Delay from a plant's beyond which none is searched, and its standard errors that must be within half of what is searched."""
+"""Delay from a plant's beyond which none is searched."""
 
 
 @dataclass(frozen=True)

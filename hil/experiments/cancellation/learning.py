@@ -54,9 +54,9 @@ LOWEST = 2.0
 
 PASSES = 5
 """Most passes unless another number is asked for: without, with a part, and three with the whole cancellation."""
-SECOND_GAIN = 0.5
-"""Part of a cancellation in the second pass: were it turned by 180°, it would add half of the vibration."""
-FIRST_WHOLE = 3
+FIRST_GAINS = (0.0, 0.5)
+"""Parts of the cancellation in the first passes: half of it, turned by 180°, would add half of the vibration."""
+FIRST_WHOLE = len(FIRST_GAINS) + 1
 """Number of the first pass with the whole cancellation."""
 
 
@@ -297,7 +297,7 @@ def learn(
     learning = AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
     passes_judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
-        gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
+        gain = FIRST_GAINS[number - 1] if number < FIRST_WHOLE else 1.0
         session.check_interrupt()
         motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"

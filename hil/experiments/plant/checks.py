@@ -10,6 +10,7 @@ import numpy as np
 
 from hil.design.estimation import SURE_SIGMAS
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
+from hil.design.plant_problem import OUTSIDE
 from hil.errors import HilError, RefusalCause
 from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
@@ -28,8 +29,6 @@ LEVER_RATIO = 2.0
 """Factor by which the lever seen may differ from the bench file's before it is another axis' or another sensor."""
 ANTIRESONANCE_PCT, STIFFNESS_PCT = 1.0, 5.0
 """Largest standard errors with which a plant is accepted, %."""
-BEYOND_BAND = 1.1
-"""Largest f_r over the highest frequency of the excitation: further out nothing shows it."""
 
 
 class PlantNotIdentifiedError(HilError):
@@ -203,7 +202,7 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     f_r = estimate.parameters["resonance_hz"].value
     wider = "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
     over, reach = f_r / high, f"f_r ({f_r:.3g} Hz) relative to the end of the band ({high:.3g} Hz)"
-    checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider, ("cycle",))]
+    checks = [] if over <= OUTSIDE else [DataCheck(reach, over, OUTSIDE, "", False, wider, ("cycle",))]
     for name, parameter, allowed in (
         ("standard error of f_a from noise alone", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
         ("standard error of K_g from noise alone", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),

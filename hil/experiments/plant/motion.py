@@ -31,7 +31,7 @@ PERIODS_S = (2.0, 1.0)
 """Periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
 PER_STRETCH = (9, 8, 7, 6, 5, 3)
 """Periods in a row that average the transmission error to nothing (not 4: it divides the order)."""
-PILOT_PERIODS = 3
+PILOT_PERIODS = min(PER_STRETCH)
 """Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
 """Periods in all below which the scatter between them is not a measure of confidence."""
@@ -45,7 +45,7 @@ FAST_RPS, FAST_FRACTION = 3.5, 0.5
 LEAST_TURNS = 6.01
 """Motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
 SLOWER = (1.0, 0.85, 0.7, 0.55, 0.4)
-"""Bias speeds that are tried on an arm, as factors of the wanted one."""
+"""Speeds that are tried, as factors of the wanted one: of the bias on an arm, and of the fastest slow turn."""
 
 ExcitedSignal = Literal["torque", "reference"]
 Shape = Literal["multisine", "chirp"]

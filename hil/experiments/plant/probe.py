@@ -9,12 +9,14 @@ import numpy as np
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.design.estimation import SURE_SIGMAS, inverse
-from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest, planned
+from hil.experiments.plant.motion import SLOW_RPS, MotionBuilder, PlannedMotion, PlantRequest, planned
 from hil.master.motion import Real
 from hil.recording import Recording
 
-PROBE_RPS, PROBE_S = 0.4, 0.4
-"""Speed of the probe, and duration of the part at constant speed in either direction; its ramps take another fifth of a turn."""
+PROBE_RPS = SLOW_RPS[0]
+"""Speed of the probe: that of the slowest turn."""
+PROBE_S = 0.4
+"""Duration of its part at constant speed in either direction; its ramps take another fifth of a turn."""
 CORRELATED_ROWS = 10.0
 """Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
 WOUND_FRACTION = 0.7

@@ -53,7 +53,7 @@ FIRST_RUNS = 2
 APPLIED_RUNS, CONVERGED_FRACTION = 4, 0.9
 """Most runs with what follows, each leading on from the last; fraction of the last one's vibration above which none follows."""
 WEAKEST_SIGMAS = 1.0
-"""The same of those that are kept because the tip is quieter with them."""
+"""Standard errors from which an order may be kept because the tip is quieter with it."""
 OWN_PACE_WORSE = 1.2
 """Vibration at the line's own pace, over that before, up to which what another pace has shown is taken."""
 

@@ -42,7 +42,7 @@ Complex = NDArray[np.complex128]
 LOAD_HZ = 1.5
 """Frequency up to which a gear's load is that of gravity and of the motion."""
 REACTS_POWER, REACTS_LOAD = 0.4, 0.3
-"""Standard errors from which a reaction counts as seen; fraction of the load's power in the band that it explains; least load."""
+"""Fraction of the load's power in the band that a reaction explains from which it counts as seen, and the least load for that."""
 LEAST_FRICTION = -0.3
 """Least friction that a seen reaction may leave, over the slow torque: friction opposes the motion."""
 
