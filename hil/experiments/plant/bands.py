@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, TwoInertia
 from hil.design.ringing import RINGING
-from hil.experiments.plant.motion import FAST_RPS, SLOWER, Band, PlantRequest
+from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
 
@@ -21,6 +21,8 @@ BIAS_RPS = 2.0
 """Usual bias speed: beyond the Stribeck range of most gears (`STRIBECK_RAD_S`), and a turn shows every order in half a second."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Bias speeds that are tried, as factors of the usual one."""
+FASTS = (1.0, 0.85, 0.7)
+"""Fastest of the slow turns that are tried, as factors of the usual one."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
@@ -83,7 +85,7 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
         f_a: Anti-resonance, Hz.
         limit_rps: Largest speed that is allowed.
     """
-    return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in SLOWER])
+    return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in FASTS])
 
 
 def _quiet(f_a: float, speeds: Sequence[float]) -> float:

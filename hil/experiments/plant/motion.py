@@ -45,7 +45,7 @@ FAST_RPS, FAST_FRACTION = 3.5, 0.5
 LEAST_TURNS = 6.01
 """Motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
 SLOWER = (1.0, 0.85, 0.7, 0.55, 0.4)
-"""Speeds that are tried, as factors of the wanted one: of the bias on an arm, and of the fastest slow turn."""
+"""Bias speeds that are tried on an arm, as factors of the wanted one."""
 
 ExcitedSignal = Literal["torque", "reference"]
 Shape = Literal["multisine", "chirp"]
