@@ -32,10 +32,10 @@ from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
 from hil.design.ate.misfit import LEAST_MISSED
 from hil.design.ate.model import Arm, Sensing, Sweep
-from hil.design.ate.refinement import MOUNTING_HZ
 from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
 from hil.design.estimate import Estimate
+from hil.design.frequency import MOUNTING_HZ
 from hil.design.plant_problem import SMOOTHED_LINES
 from hil.design.transmission_error import TransmissionError
 

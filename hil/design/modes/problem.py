@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.design.estimation import EstimatedMode
-from hil.design.frequency import AnyComplex, Complex, Real, TwoInertia
+from hil.design.frequency import TIP_HZ, AnyComplex, Complex, Real, TwoInertia
 from hil.design.plant_problem import (
     DAMPING,
     J_L,
@@ -41,8 +41,6 @@ INERTIA, FREQUENCY, ZETA, PART = range(4)
 """Unknowns of each further mode: ln J_i, ln ω_i, ln ζ_i, and with an accelerometer γ_i."""
 WIDEST = 0.3
 """Largest change of ln ω_i in one round of the fit."""
-TIP_HZ = 60.0
-"""Frequency up to which a tip shows anything: arms ring at 4 to 30 Hz, and what filters make beyond has died away at once."""
 SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
 """Range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
 

@@ -19,8 +19,8 @@ import numpy as np
 from hil.control.shapers import MOST_SHAPED_DAMPING, SwingingMode
 from hil.design.coupled.structure import Structure
 from hil.design.estimation import inverse
-from hil.design.frequency import Complex, Loop, Real
-from hil.design.modes.problem import TIP_HZ, ArmMode
+from hil.design.frequency import TIP_HZ, Complex, Loop, Real
+from hil.design.modes.problem import ArmMode
 
 APART_HZ = 1e-3
 """Difference below which two poles are one."""

@@ -22,8 +22,8 @@ from hil.can.channel import Channel
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import LIMIT_USED, CancellationTable, MotorLoad
-from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
+from hil.design.frequency import CONTROL_PERIOD_S, TIP_HZ
+from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
 from hil.design.ringing import RINGING
 from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import NotPossibleError, UnsafeRequestError
@@ -286,7 +286,7 @@ def table_of(
     loop = table.loop(timing.control_period_s, with_notch=with_notch)
     assert loop is not None  # noqa: S101 - it has a model and gains
     scale, limits = scale_at(bench, number, loop.peak_hz()), table.limits
-    highest_hz = max(HIGHEST_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
+    highest_hz = max(TIP_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
 
     def by(way: Actuation) -> CancellationTable:
         error, chirp = (amplitudes_rad(model.ate), _phases_rad(model.ate)), pace.most_rad_s2

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, TwoInertia
+from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, RESONANCE_BAND, TwoInertia
 from hil.design.ringing import RINGING
 from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
@@ -11,8 +11,8 @@ from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
 """Band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
-BELOW_F_A, ABOVE_F_R, ABOVE_F_A = 0.4, 1.8, 2.5
-"""Ends of the main run's band: low ones over f_a, high ones over f_r and f_a."""
+ABOVE_F_R = 1.8
+"""Least upper end of the main run's band over f_r; those over f_a are `RESONANCE_BAND`."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
 """Least ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
 LARGEST_LOW_HZ = 3.0
@@ -59,8 +59,8 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
         is_wide: True on an arm: up to where the pilot looked, since other modes may ring anywhere.
     """
     f_a, f_r = plant.antiresonance_hz, plant.resonance_hz
-    low = min(LARGEST_LOW_HZ, max(LEAST_HZ, BELOW_F_A * f_a))
-    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, ABOVE_F_A * f_a, PILOT_HZ[1] if is_wide else 0.0)
+    low = min(LARGEST_LOW_HZ, max(LEAST_HZ, RESONANCE_BAND[0] * f_a))
+    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, RESONANCE_BAND[1] * f_a, PILOT_HZ[1] if is_wide else 0.0)
     high = min(highest_hz(sync_s), high)
     return _band(request, low, high, quiet_speed(f_a, 0.5 * speed_limit_rps))
 
