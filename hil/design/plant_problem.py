@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
 from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
-from hil.design.frequency import MOUNTING_HZ, AnyComplex, Complex, Loop, Real, TwoInertia
+from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
@@ -40,7 +40,7 @@ LAG_PRIOR_S = 1e-3
 """Standard deviation of the current loop's time constant, before the fit: real ones have 0.1 to 1 ms."""
 TILT_HZ = 40.0
 """Frequency at which the accelerometer's tilt is stated: beyond the resonances of most arms."""
-TILT_PRIOR = (TILT_HZ / MOUNTING_HZ) ** 2
+TILT_PRIOR = 0.15
 """Standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit."""
 DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
 """Standard deviation of what the accelerometer's phase at `TILT_HZ` has beyond a delay: that of a low-pass with such a tilt.
