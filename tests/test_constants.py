@@ -19,7 +19,6 @@ ALLOWED = {
         "EXIT_SDO": EXIT,
         "EXIT_USAGE": EXIT,
         "FEWEST": "samples of a window in a figure, and periods of an excitation: no relation",
-        "MARGIN_REV": "for the lag of a ramp, and for the excitation on top of a travel: two reserves that may part",
         "SCHEMA": "each kind of result.json counts its own",
         "SPEED_LOWPASS_HZ": "of the law, forwards; of the analysis, forwards and backwards",
     },
@@ -95,7 +94,7 @@ def test_the_scan_sees_numbers_however_they_are_written() -> None:
     assert list(numbers(ast.parse(text))) == ["A", "B", "C", "D", "E", "F"]
 
 
-MOST_CONSTANTS = {"hil/design": (277, 16), "hil/experiments": (272, 18)}
+MOST_CONSTANTS = {"hil/design": (251, 0), "hil/experiments": (210, 0)}
 """Numbers at the top of a package's modules, and how many of them no sentence explains: neither may rise."""
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from hil.commissioning.held import HeldAxis, held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.standing import STOP_S
+from hil.design.estimation import SURE_SIGMAS
 from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest
-from hil.experiments.plant.probe import PROBE_RPS, SIGN_SIGMAS, probe_motion, probe_trouble, slow_torque
+from hil.experiments.plant.probe import PROBE_RPS, probe_motion, probe_trouble, slow_torque
 from hil.master.control_words import QUICK_STOP
 from hil.master.motion import Real
 from hil.results.check import CheckEntry
@@ -75,7 +76,7 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
         of.passed("encoder sign", SHOWN_TRAVEL[0] <= along <= SHOWN_TRAVEL[1], f"{seen}, along the set-point", path),
     ]
     words = f"friction {friction[0]:+.3g} ± {friction[1]:.1g} N·m along the motion"
-    if friction[0] > SIGN_SIGMAS * friction[1]:
+    if friction[0] > SURE_SIGMAS * friction[1]:
         return [*checks, of.passed("torque sign", True, words, path)]
     return [*checks, of.entry("torque sign", "NOT JUDGED", f"{words}: too little to differ from zero", path)]
 

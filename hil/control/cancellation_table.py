@@ -19,8 +19,10 @@ Complex = NDArray[np.complex128]
 
 FADED_OVER_KEPT = 1.25
 """Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""
-SPEED_USED = 0.95
-"""Fraction of a speed limit up to which waves are fitted in: the rounding of an encoder moves the set-point as well."""
+LIMIT_USED = 0.95
+"""Fraction of a limit up to which set-points go.
+
+Rounding to counts adds to each step: 0.12 rev/s at 4096 counts per revolution and a SYNC of 2 ms."""
 FADE_REV = 2.0
 """Motor revolutions in which the first addition is forgotten, to 1/e.
 
@@ -200,7 +202,7 @@ class CancellationTable:
         """
         frequency, own, fast = self._largest_speeds(up_to_rps)
         kept = np.clip((FADED_OVER_KEPT - frequency / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
-        room = SPEED_USED * limit_rps - own
+        room = LIMIT_USED * limit_rps - own
         if by_torque is None:
             part = kept + self._fitted(1.0 - kept, fast, room - np.sum(kept * fast, axis=0))
             return self._with(lambda each: part * each, self.waves)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.following import ArmModel
+from hil.design.frequency import OF_SAMPLING, RESONANCE_BAND
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -30,10 +31,6 @@ FIT_POINTS, FIT_ROUNDS = 200, 6
 Source: C. K. Sanathanan, J. Koerner, IEEE Trans. Automatic Control 8 (1963) 56."""
 ROUNDING_POINTS = 2000
 """Frequencies over which a filter's noise by rounding is summed."""
-PASSED_OVER_RESONANCE = (0.4, 2.5)
-"""Corners of the band-pass over f_al."""
-HIGHEST_FRACTION = 0.42
-"""Highest corner as a fraction of the sampling rate."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +156,7 @@ def band_pass(lowest_hz: float, highest_hz: float, period_s: float) -> tuple[flo
         highest_hz: Highest f_al.
         period_s: SYNC period.
     """
-    low, high = PASSED_OVER_RESONANCE[0] * lowest_hz, min(PASSED_OVER_RESONANCE[1] * highest_hz, HIGHEST_FRACTION / period_s)
+    low, high = RESONANCE_BAND[0] * lowest_hz, min(RESONANCE_BAND[1] * highest_hz, OF_SAMPLING / period_s)
     low_w, high_w = (2.0 / period_s * math.tan(math.pi * each * period_s) for each in (low, high))
     width, middle = high_w - low_w, low_w * high_w
     c = 2.0 / period_s

@@ -39,15 +39,13 @@ from numpy.typing import NDArray
 
 from hil.control.cancellation_table import ARRAYS, CancellationTable, MotorLoad, WaveLabel
 from hil.design.counter_motion import counter_motion
-from hil.design.frequency import Loop
+from hil.design.frequency import TIP_HZ, Loop
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Actuation = Literal["reference", "torque", "torque alone"]
 """Inputs of the loop that move the motor: the set-point alone, a torque offset with it, or the torque offset alone."""
 
-HIGHEST_HZ = 60.0
-"""Highest k f_m at which an order is usually cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
 STEP_RPS = 0.05
 """Step of a table's speeds: 0.2 Hz of order 4, a tenth of the width of a resonance of 12 Hz with ζ = 0.08."""
 IMAGES = (-2, -1, 1, 2)
@@ -319,7 +317,7 @@ def cancellation_table(
     timing: CyclicTiming | InnerTiming,
     max_rps: float,
     actuation: Actuation = "reference",
-    highest_hz: float = HIGHEST_HZ,
+    highest_hz: float = TIP_HZ,
     most_rad_s2: float = 0.0,
     torque_lag_s: float = 0.0,
     load: MotorLoad | None = None,

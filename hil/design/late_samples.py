@@ -12,25 +12,28 @@ Source: J. W. Tukey, in Robustness in Statistics, Academic Press 1979, chapter 8
 """
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
+from hil.design.estimation import SEARCHED_SIGMAS
 
 Real = NDArray[np.float64]
 
 RESOLVED = 0.1
 """Largest frequency of a ripple, in units of the sampling rate, that the spline follows."""
 KNOT_SAMPLES, KNOT_DEGREE = 8, 5
+"""Samples between the knots of the spline, and its degree: it follows a ripple of `RESOLVED`, and no single sample."""
 WINDOW_SAMPLES = 101
 """Samples of which the scatter is the median."""
-FAR = 8.0
-"""Standard deviations beyond which a sample is late; of 10⁶ samples with normal noise none is."""
 LEAST_PERIODS, MOST_PERIODS = 0.02, 1.1
 """Delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
 REWEIGHTINGS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
-OF_NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Most rounds of reweighting, change of every weight below which one is the last, and weight of a late sample.
+
+It is not 0, so that each piece of the spline has samples."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +99,14 @@ def on_time(angle_rad: Real, period_s: float, resolution_rad: float, order: floa
 def _scatter(ahead: Real, resolution_rad: float) -> Real:
     """Standard deviation of most samples around each, at least that of rounding."""
     median = scipy.ndimage.median_filter(np.abs(ahead), WINDOW_SAMPLES)
-    return np.asarray(np.maximum(OF_NORMAL * median, max(resolution_rad / np.sqrt(12.0), np.finfo(float).tiny)))
+    return np.asarray(np.maximum(median / NormalDist().inv_cdf(0.75), max(resolution_rad / np.sqrt(12.0), np.finfo(float).tiny)))
 
 
 def _is_late(ahead: Real, scatter: Real, turn: Real) -> NDArray[np.bool_]:
     """True for a sample that a delay explains, and noise does not."""
-    return np.asarray((ahead > FAR * scatter) & (ahead > LEAST_PERIODS * turn) & (ahead < MOST_PERIODS * turn))
+    return np.asarray((ahead > SEARCHED_SIGMAS * scatter) & (ahead > LEAST_PERIODS * turn) & (ahead < MOST_PERIODS * turn))
 
 
 def _weight(ahead: Real, scatter: Real) -> Real:
-    """Tukey's biweight of each sample that is ahead; the least beyond `FAR`."""
-    return np.maximum((1.0 - np.clip(ahead / (FAR * scatter), 0.0, 1.0) ** 2) ** 2, LEAST_WEIGHT)
+    """Tukey's biweight of each sample that is ahead; the least beyond `SEARCHED_SIGMAS`."""
+    return np.maximum((1.0 - np.clip(ahead / (SEARCHED_SIGMAS * scatter), 0.0, 1.0) ** 2) ** 2, LEAST_WEIGHT)

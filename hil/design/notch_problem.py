@@ -23,18 +23,16 @@ Real = NDArray[np.float64]
 Displacement = Callable[[RampMotion], Real]
 """Displacement of the tip in mm over the time of a motion, as the metric of measured runs has it."""
 
-RISE = 1.05
+WORSE_FRACTION, WORSE_MM = 0.05, 0.002
+"""Rise of a tip peak that is harmless, whichever is more; a ratio is reckoned from the latter where the peak is smaller."""
+RISE = 1.0 + WORSE_FRACTION
 """Largest ratio by which a filter may raise a tip peak in the speeds of any order, for any plant."""
 RISE_BESIDE = 1.15
 """The same between the orders' speeds, where a filter switches, and where the tip moves less than at an order's."""
-LEAST_MM = 0.002
-"""Peaks below it do not matter: a ratio is reckoned from it where the peak without a filter is smaller."""
 RAMP_REST_S = 0.1
 """Rest before a ramp, s."""
 TURN_PERIODS = 3.0
 """Duration of the turn at the top of a ramp in periods of f_al: so smooth a turn does not ring at f_al."""
-_TURN_GAIN = 0.25 + 1.0 / math.pi**2
-"""Gain of speed in the first half of a turn, over rate and duration of the turn."""
 SETTLE_PERIODS = 3.0
 """Part of a ramp below the lowest judged speed in periods of f_al, in which the band-pass of the metric settles."""
 
@@ -114,16 +112,15 @@ class DesignRamp:
             is_own: True for the user's own motion.
         """
         turn_s = TURN_PERIODS / f_al_hz
-        top = min(top_rps, limit_rps - _TURN_GAIN * rate_rps_s * turn_s)
+        top = min(top_rps, limit_rps - float(_gain(0.5)) * rate_rps_s * turn_s)
         rise_end = RAMP_REST_S + top / rate_rps_s
         fall_begin = rise_end + turn_s
         bottom = max(0.0, low_rps - rate_rps_s * SETTLE_PERIODS / f_al_hz)
         count = math.ceil((fall_begin + (top - bottom) / rate_rps_s) / period_s) + 1
         time = (np.arange(count - 1) + 0.5) * period_s
         part = np.clip((time - rise_end) / turn_s, 0.0, 1.0)
-        bend = part - part**2 + (1.0 - np.cos(2.0 * math.pi * part)) / (2.0 * math.pi**2)
         rising = rate_rps_s * np.clip(time - RAMP_REST_S, 0.0, rise_end - RAMP_REST_S)
-        speed = rising + rate_rps_s * (turn_s * bend - np.clip(time - fall_begin, 0.0, None))
+        speed = rising + rate_rps_s * (turn_s * _gain(part) - np.clip(time - fall_begin, 0.0, None))
         angle = 2.0 * math.pi * period_s * np.concatenate([np.zeros(1), np.cumsum(speed)])
         return cls(rate_rps_s, top, weight, is_own, period_s, rise_end, fall_begin, angle)
 
@@ -149,6 +146,14 @@ class SpeedRange:
     order: float | None
     low_rps: float
     high_rps: float
+
+
+def _gain(part: Real | float) -> Real:
+    """Gain of speed over a part, 0 to 1, of a turn, over rate and duration of the turn.
+
+    The rate goes from 1 to −1 with one wave on top, so that it has no corner.
+    """
+    return np.asarray(part - np.square(part) + (1.0 - np.cos(2.0 * math.pi * part)) / (2.0 * math.pi**2))
 
 
 def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: float, top_rps: float) -> tuple[SpeedRange, ...]:
@@ -325,7 +330,7 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
         after_mm: Peaks of the same plant with them; while cases but the first still hold 0, no ratio is above the final one.
     """
     own, is_order = problem.own_cases(len(after_mm)), np.array([each.order is not None for each in problem.ranges])
-    least = np.where(is_order, LEAST_MM, np.maximum(LEAST_MM, np.max(after_mm[0, is_order])))
+    least = np.where(is_order, WORSE_MM, np.maximum(WORSE_MM, np.max(after_mm[0, is_order])))
     ratios = np.max(after_mm[own] / np.maximum(before_mm[own], least[:, np.newaxis]), axis=(0, 2))
     whole = np.max(after_mm, axis=(0, 2)) / np.maximum(np.max(before_mm, axis=(0, 2)), least)
     ratios = np.where(is_order, np.maximum(ratios, whole), ratios)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import SHAPES, Judge, NotchVerdict, verdict
-from hil.design.notch_problem import NotchProblem
+from hil.design.notch_problem import RISE, NotchProblem
 
 Real = NDArray[np.float64]
 
@@ -31,9 +31,6 @@ LEAST_EVALUATIONS = 80
 TRIES = 6
 """Number of the best filters that are judged closely before the search gives up."""
 
-
-CLOSE = 1.05
-"""Ratio by which a filter may miss a limit of the tip for others like it to be tried."""
 
 PAPER_FILTERS = (
     Notch(order=2, start_rps=4.0, end_rps=9.0, offset_hz=0.5, zeta_rn=0.028, zeta_rdth=0.1),
@@ -418,7 +415,7 @@ def _first_that_holds(
         seen.append(whole)
         if candidates[notch] > 2.0:
             break  # the search has seen none that keeps everything
-        if whole.is_harmless and any(check.value > CLOSE * check.limit for check in whole.missed):
+        if whole.is_harmless and any(check.value > RISE * check.limit for check in whole.missed):
             break  # those that follow miss it as well
     harmless = [whole for whole in seen if whole.is_harmless]
     return harmless[0] if harmless else min(seen, key=lambda each: sum(check.violation for check in each.missed))

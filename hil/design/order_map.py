@@ -34,8 +34,8 @@ FEWEST_PER_TURN = 4.0
 """Least number of samples per cycle of the highest order."""
 MAX_WINDOWS = 4000
 """Bound of a map, more columns than a screen has."""
-BESIDE = 1.5
-"""Distance from a fitted order at which the fit takes nothing of the noise any more, in orders times turns."""
+APART_TURNS = 1.5
+"""Distance of two orders, times turns, from which they are told apart: a fit of one takes nothing of what is there."""
 NEIGHBOURS = 8
 """Number of points beside an order at which the noise is read."""
 
@@ -257,7 +257,7 @@ def _beside(orders: tuple[float, ...], turns: float) -> tuple[list[int], NDArray
     """
     between = np.arange(0.5, max(orders) * turns + 12.0, 0.5) / turns
     fitted = np.concatenate([[0.0], orders])
-    free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= BESIDE / turns]
+    free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= APART_TURNS / turns]
     nearest = np.argsort(np.abs(free - np.array(orders)[:, None]), axis=1)[:, :NEIGHBOURS]
     wanted, among = np.unique(nearest, return_inverse=True)
     multiples = np.rint(2.0 * turns * free[wanted]).astype(int)

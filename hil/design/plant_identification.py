@@ -25,7 +25,15 @@ import numpy as np
 import scipy
 
 from hil.design.estimate import Estimate
-from hil.design.estimation import EstimatedMode, EstimatedParameter, UnidentifiableError, inverse
+from hil.design.estimation import (
+    EVALUATIONS,
+    FAR_SIGMAS,
+    PROBABILITY,
+    EstimatedMode,
+    EstimatedParameter,
+    UnidentifiableError,
+    inverse,
+)
 from hil.design.frequency import Complex, Real, TwoInertia
 from hil.design.plant_problem import (
     AGE,
@@ -37,7 +45,6 @@ from hil.design.plant_problem import (
     K_G,
     LAG,
     LEVER,
-    LOSS,
     VISCOUS,
     PlantProblem,
     SamplingTiming,
@@ -51,10 +58,6 @@ ZETA_LEFT_OPEN = 3e-3
 """Relative error of ζ below which no fit is trusted: with a SYNC of 8 ms and an encoder of 13 bits ζ was off by 2.5 %.
 
 On the linear robots 10600 to 10629 the rms of z of ζ is 0.63 with it, and 0.82 without."""
-EVALUATIONS = 100
-"""Steps of a fit from one start."""
-CONFIDENCE = 0.95
-"""Probability of the circle around a mean of periods that is drawn and compared with."""
 
 
 @dataclass(frozen=True)
@@ -172,8 +175,8 @@ class Descents:
     """Fits of a problem from several starts, each in three rounds.
 
     The first round holds the times near the prior values, so that the fit does not wander off; the others fit all unknowns. A
-    fit that has come to where another was is given up after the first round, and so is one whose residuals are `LOSS` times those
-    of the best with its resonances in the band.
+    fit that has come to where another was is given up after the first round, and so is one whose residuals are `FAR_SIGMAS`
+    times those of the best with its resonances in the band.
     """
 
     def __init__(self, problem: PlantProblem) -> None:
@@ -184,7 +187,7 @@ class Descents:
         begun = [_round(self._problem, start, EVALUATIONS // 4, are_times_held=True) for start in starts]
         inside = [fit for fit in begun if self._problem.is_inside(fit.x)]
         self._least = min([self._least, *(_left(fit) for fit in inside or begun)])
-        return [self._ended(fit.x) for fit in begun if _left(fit) <= LOSS**2 * self._least and not self._was_at(fit.x)]
+        return [self._ended(fit.x) for fit in begun if _left(fit) <= FAR_SIGMAS**2 * self._least and not self._was_at(fit.x)]
 
     def _was_at(self, x: Real) -> bool:
         size = 0.05 * self._problem.scale(x)  # half a percent of an inertia, 5 µs of an age: no two minima are so near
@@ -207,7 +210,7 @@ def _round(problem: PlantProblem, x: Real, evaluations: int, *, are_times_held: 
         bounds=(low, high),
         x_scale=problem.scale(x),
         loss="soft_l1",
-        f_scale=LOSS,
+        f_scale=FAR_SIGMAS,
         max_nfev=evaluations,
     )
 
@@ -301,5 +304,5 @@ def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEs
     deviation = scatter / np.abs(mean_in)
     explained, unexplained = np.abs(value * mean_in) ** 2, count * scatter**2
     # the quantile of F with 2 and 2 (count − 1) degrees of freedom
-    bound = math.sqrt((count - 1) * ((1.0 - CONFIDENCE) ** (-1.0 / (count - 1)) - 1.0))
+    bound = math.sqrt((count - 1) * ((2.0 * (1.0 - PROBABILITY)) ** (-1.0 / (count - 1)) - 1.0))
     return ResponseEstimate(frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))

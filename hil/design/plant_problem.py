@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
-from hil.design.estimation import UnidentifiableError
+from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
 from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
 from hil.design.plant_spectra import Spectra
 
@@ -38,9 +38,10 @@ Where it is, the age is half of a control period, give or take as much: of the p
 """
 LAG_PRIOR_S = 1e-3
 """Standard deviation of the current loop's time constant, before the fit: real ones have 0.1 to 1 ms."""
+TILT_HZ = 40.0
+"""Frequency at which the accelerometer's tilt is stated: beyond the resonances of most arms."""
 TILT_PRIOR = 0.15
 """Standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit."""
-TILT_HZ = 40.0
 DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
 """Standard deviation of what the accelerometer's phase at `TILT_HZ` has beyond a delay: that of a low-pass with such a tilt.
 
@@ -52,10 +53,9 @@ LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
-LOSS = 3.0
-"""Standard deviations from which the fit counts a residual less than squared; the priors always count squared."""
-OUTSIDE = 1.2
-"""Largest ratio of a resonance to the end of the band at which it still counts."""
+"""Least time constant of a current loop: a fit begins at half of it, and is held below five of them at first."""
+OUTSIDE = 1.1
+"""Largest ratio of a resonance to the highest frequency of the excitation: further out nothing shows it."""
 TRIED = 16
 """Anti-resonances that are tried as a start."""
 OTHER_RESONANCES, OTHER_BY = 8, 0.08
@@ -77,7 +77,7 @@ what tells J_m; elsewhere the measured torque tells it better.
 IMAGE_ERROR = 0.5
 """Standard deviation of the sensor's gain where images are, and of each image about it: it is not known at such frequencies."""
 SMOOTHED_LINES = 5
-"""Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
+"""Lines over which a power is averaged before it weighs: that of one line, or of a few periods, is too uncertain alone."""
 
 
 @dataclass(frozen=True)
@@ -560,7 +560,7 @@ class PlantProblem:
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         priors = [value / deviation for _, value, deviation in self._prior_values(x)]
         # the loss makes squares of these
-        return np.concatenate([stacked.real, stacked.imag, [each * math.hypot(1.0, 0.5 * each / LOSS) for each in priors]])
+        return np.concatenate([stacked.real, stacked.imag, [each * math.hypot(1.0, 0.5 * each / FAR_SIGMAS) for each in priors]])
 
     def slopes(self, x: Real) -> Real:
         """Jacobian of the residual; shape (residuals, unknowns)."""
@@ -601,7 +601,7 @@ class PlantProblem:
         stacked = np.concatenate(by_left, axis=1) * math.sqrt(2.0)
         by_priors = np.zeros((len(x), self.priors))
         for row, (unknown, value, deviation) in enumerate(self._prior_values(x)):
-            far = 0.5 * value / deviation / LOSS
+            far = 0.5 * value / deviation / FAR_SIGMAS
             by_priors[unknown, row] = (1.0 + 2.0 * far**2) / math.hypot(1.0, far) / deviation
         return np.asarray(np.concatenate([stacked.real, stacked.imag, by_priors], axis=1).T)
 

@@ -14,7 +14,7 @@ from hil.design.frequency import Complex, Real
 Lines = NDArray[np.int64]
 
 TREND_ORDER = 4
-"""Gravity over a stretch of arm angle, as a polynomial of the time."""
+"""Degree of what is slow, a polynomial of the time: gravity along the way, and the ramp itself."""
 
 
 @dataclass(frozen=True)

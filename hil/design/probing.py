@@ -21,6 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.design.estimation import ROUNDING
+
 Real = NDArray[np.float64]
 
 MOST_SETTINGS = 128
@@ -29,8 +31,6 @@ LEAST_SEEN = 1.7
 """Power of what a direction of the settings does, over that of noise, from which it is seen: a tenth of it may be noise."""
 BY_TURNS = 3
 """Times that settings and the disturbance that they leave are found by turns."""
-LEAST_POWER = 1e-8
-"""The same over the mean power of all settings, where there is hardly any noise."""
 LEAST_FREEDOM = 2.0
 """Least degrees of freedom that a fit must leave to what it does not explain, over the number of its unknowns."""
 
@@ -219,7 +219,7 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
     rows = found.level if level is None else level
     noise_power = found.noise.shape[1] * float(np.sum(found.noise[:, 0]))
     flat, power = found.effects.reshape(len(found.effects), -1), _products(found.effects, found.effects)
-    floor = noise_power * found.inverse[1:, 1:] + LEAST_POWER * np.trace(power) / len(power) * np.eye(len(power))
+    floor = noise_power * found.inverse[1:, 1:] + ROUNDING * np.trace(power) / len(power) * np.eye(len(power))
     wanted = flat @ rows.ravel() - (noise_power * found.inverse[1:, 0] if level is None else 0.0)
     whitening = np.linalg.inv(np.linalg.cholesky(floor))
     over_noise, turned = np.linalg.eigh(whitening @ power @ whitening.T)

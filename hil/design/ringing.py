@@ -25,6 +25,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.design.estimation import SEARCHED_SIGMAS, SEEN_SIGMAS
+from hil.design.frequency import OF_SAMPLING
+from hil.design.plant_spectra import TREND_ORDER
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
 
 Real = NDArray[np.float64]
@@ -34,12 +37,11 @@ RANGE_HZ = (2.0, 48.0)
 GRID_STEP = 0.035
 """Distance of two frequencies of the grid, as a logarithm."""
 DAMPINGS = (0.012, 0.03, 0.06, 0.12, 0.22)
-SLOW = 4
-"""Degree of the slow curve: gravity along the way, and the ramp itself."""
+"""Damping ratios of the grid, a factor of 2 apart, from the best of which the fit goes on."""
 RAMP_END_S = 0.05
 """Time before the top of the ramp from which on nothing is used."""
-PADDING_S = 2.0
-"""Padding of the transforms: what rings longer than that hardly decays within a ramp."""
+PADDING_S = 3.0
+"""Time by which a transform is longer than its recording: what rings longer than that hardly decays within a ramp."""
 TOP_RATE_HZ = 200.0
 """Sampling beyond which every n-th sample says all."""
 
@@ -47,10 +49,11 @@ LEAST_DAMPING, MOST_DAMPING = 0.008, 0.2
 """Damping ratios of an arm on its gear with its loop closed: beyond them a swell is not a resonance, but a tone or a slope."""
 LEAST_TIP_EXPLAINED = 0.5
 """Fraction of the vibration that the resonance has to explain."""
-LEAST_SIGNIFICANCE = 8.0
-"""Amplitude of an order in units of its standard error from which it counts: that of a model that is searched for."""
 MOST_UNCERTAINTY = 0.06
 """Largest standard error of a frequency, as a fraction of it."""
+
+RINGING = 1.35
+"""Factor r about a resonance within which an order makes it ring: beyond, the arm moves less than 1/(r² − 1) = 1.2 θ_sync."""
 
 TORQUE_SPEEDS = (0.55, 1.7)
 """Speeds at which the torque is looked at, in units of that at which the clearest order meets the resonance."""
@@ -58,15 +61,17 @@ TORQUE_FREQUENCIES = np.exp(np.arange(-0.5, 0.51, 0.05))
 """Frequencies at which the torque is fitted, in units of the tip's."""
 TORQUE_AGREEMENT = 0.08
 """Largest difference of the frequencies that tip and torque show, as a fraction."""
-LEAST_TORQUE_EXPLAINED = 0.6
-"""Fraction that the resonance explains of what plain orders leave over of the torque: 0.02 to 0.5 of a sensor's mounting."""
-LEAST_TORQUE_SIGNIFICANCE = 5.0
-"""Root of the mean square of its unknowns there, in units of their standard errors."""
+LEAST_EXPLAINED = 0.6
+"""Fraction that a resonance explains of what it is to explain.
+
+Of the vibration beyond noise it is 0.99 on gears of all kinds, and 0.3 at a wrong resonance; of what plain orders leave over of
+the torque, 0.02 to 0.5 where a sensor's mounting rings."""
 FEWEST = 60
 """Least number of samples of the torque."""
-LEAST_MET_RPS = 0.5
-ROOM = 1.15
-"""The ramp goes on to so many times the speed at which an order meets the resonance."""
+LEAST_END_RPS = 0.5
+"""Speed below which no order counts as having met the resonance: friction depends on the speed there."""
+BEYOND_RESONANCE = 1.15
+"""Least end speed of a ramp over that at which an order meets the resonance: the vibration is largest behind it."""
 LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
 """Distance of the peak of |G_al| from that of the model, as a fraction, 0.003 + 1.2 ζ²: as seen on 35 linear robots."""
 
@@ -161,7 +166,7 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
             f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the "
             f"vibration; at least {100.0 * LEAST_TIP_EXPLAINED:.0f} % is needed"
         )
-    clear = [(each, order) for each, order in zip(tip.significance, orders, strict=True) if each >= LEAST_SIGNIFICANCE]
+    clear = [(each, order) for each, order in zip(tip.significance, orders, strict=True) if each >= SEARCHED_SIGMAS]
     met = [order for _, order in sorted(clear, reverse=True) if model.passes(tip.peak_hz / order)]
     if not met:
         raise NoResonanceError(f"the ramp passes no speed at which an order meets a resonance near {tip.peak_hz:.1f} Hz")
@@ -184,7 +189,7 @@ class _RampModel:
         begin, end, speed_rps = _rising(ramp)
         every = max(1, int(0.5 / period_s / TOP_RATE_HZ))
         self._rows = np.arange(begin, end, every)
-        if len(self._rows) < 8 * (2 * len(orders) + SLOW + 3):
+        if len(self._rows) < 8 * (2 * len(orders) + TREND_ORDER + 3):
             raise NoResonanceError(f"the ramp has {len(self._rows)} samples, too few for a resonance")
         self._time_s = (self._rows - begin) * period_s
         self._period_s = every * period_s
@@ -193,10 +198,10 @@ class _RampModel:
         waves = shown_waves(angle, period_s, orders)
         self._frequency, self._spectra = acceleration_spectrum(waves, period_s, self._length)
         place = 2.0 * self._time_s / self._time_s[-1] - 1.0
-        self._slow = np.polynomial.legendre.legvander(place, SLOW)
+        self._slow = np.polynomial.legendre.legvander(place, TREND_ORDER)
         self._tip, self._torque = ramp.tip_m_s2[self._rows], ramp.torque_nm[self._rows]
         self._speed_rps, self._angle_rad, self._orders = speed_rps[self._rows], angle[self._rows], orders
-        highest = min(RANGE_HZ[1], 0.4 / period_s, max(orders) * self._top_rps / ROOM)
+        highest = min(RANGE_HZ[1], OF_SAMPLING / period_s, max(orders) * self._top_rps / BEYOND_RESONANCE)
         if highest < 2.0 * RANGE_HZ[0]:
             raise NoResonanceError(
                 f"the ramp shows frequencies up to {highest:.1f} Hz only; at least {2.0 * RANGE_HZ[0]:g} Hz are needed"
@@ -205,7 +210,7 @@ class _RampModel:
 
     def passes(self, speed_rps: float) -> bool:
         """True if the ramp passes a speed with room on both sides."""
-        return LEAST_MET_RPS <= speed_rps <= self._top_rps / ROOM
+        return LEAST_END_RPS <= speed_rps <= self._top_rps / BEYOND_RESONANCE
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
         """Columns of the model; shape (n, unknowns).
@@ -249,7 +254,7 @@ class _RampModel:
         if np.count_nonzero(rows) < FEWEST:
             return False
         torque, place = self._torque[rows], 2.0 * (self._time_s[rows] - self._time_s[rows][0]) / np.ptp(self._time_s[rows]) - 1.0
-        plain = [np.polynomial.legendre.legvander(place, SLOW)]
+        plain = [np.polynomial.legendre.legvander(place, TREND_ORDER)]
         for order in self._orders:
             wave = np.column_stack([np.cos(order * self._angle_rad[rows]), np.sin(order * self._angle_rad[rows])])
             plain += [wave, place[:, np.newaxis] * wave]
@@ -263,8 +268,8 @@ class _RampModel:
         after = powers[len(powers) // 2]
         gained = float(before @ before - after @ after)
         noise = max(_noise_near(after, self._period_s, tip.resonance_hz), 1e-300)
-        is_clear = gained >= LEAST_TORQUE_SIGNIFICANCE**2 * unknowns * noise
-        return bool(agrees and is_clear and gained >= LEAST_TORQUE_EXPLAINED * float(before @ before))
+        is_clear = gained >= SEEN_SIGMAS**2 * unknowns * noise
+        return bool(agrees and is_clear and gained >= LEAST_EXPLAINED * float(before @ before))
 
     def _left(self, resonance_hz: float, damping: float) -> float:
         """Power of the tip's vibration that the model does not explain."""

@@ -14,8 +14,10 @@ from hil.design.transmission_error import TransmissionError
 DEFAULT_PERCENT = 5.0
 """Uncertainty of gear stiffness and arm inertia where no other is given."""
 
-SIGMAS = 2.0
-"""Number of standard errors from the nominal plant to a corner."""
+CORNER_SIGMAS = 2.0
+"""Standard errors by which a value may well be off: the distance of a corner from the nominal plant.
+
+What is no more than that is not told from 0."""
 
 LEAST_SPREAD = 0.03
 """Least relative distance of a corner, however small the standard errors are: they say how well one measurement was made, not
@@ -76,12 +78,12 @@ def around(
             f"none, or at least {least:g} %"
         )
     amplitudes = {
-        order: amplitude + SIGMAS * (amplitude_error_arcsec or {}).get(order, 0.0)
+        order: amplitude + CORNER_SIGMAS * (amplitude_error_arcsec or {}).get(order, 0.0)
         for order, amplitude in error.amplitude_arcsec.items()
     }
     larger = TransmissionError(amplitudes, error.phase_deg)
     damping = max(
-        0.3 * plant.gear_damping_nm_s_rad, plant.gear_damping_nm_s_rad - SIGMAS * known.get("gear_damping_nm_s_rad", 0.0)
+        0.3 * plant.gear_damping_nm_s_rad, plant.gear_damping_nm_s_rad - CORNER_SIGMAS * known.get("gear_damping_nm_s_rad", 0.0)
     )
     worse = replace(plant, gear_damping_nm_s_rad=damping)
     if percent is not None:
@@ -112,8 +114,10 @@ def _by_frequency(plant: TwoInertia, error: TransmissionError, known: Mapping[st
         for name in ("gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz")
     }
     part = 0.5 * math.hypot(relative["gear_stiffness_nm_rad"], relative["arm_inertia_kg_m2"])
-    frequency = 1.0 + signs[0] * max(LEAST_SPREAD, SIGMAS * (relative["antiresonance_hz"] or part))
-    stiffness = 1.0 + signs[1] * max(LEAST_SPREAD, SIGMAS * (relative["gear_stiffness_nm_rad"] or relative["arm_inertia_kg_m2"]))
+    frequency = 1.0 + signs[0] * max(LEAST_SPREAD, CORNER_SIGMAS * (relative["antiresonance_hz"] or part))
+    stiffness = 1.0 + signs[1] * max(
+        LEAST_SPREAD, CORNER_SIGMAS * (relative["gear_stiffness_nm_rad"] or relative["arm_inertia_kg_m2"])
+    )
     inertia = stiffness / frequency**2
     changed = replace(
         plant,

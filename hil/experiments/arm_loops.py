@@ -23,18 +23,16 @@ from hil.arm.tables import ArmTable
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedArm, IdentifiedAxis, IdentifiedPlant, stiffness_of
 from hil.control.notch import NOTCH_OFF
-from hil.design.coupled.loops import ArmCase, ArmLoops, Other
+from hil.design.coupled.loops import POLE_SPEEDS, ArmCase, ArmLoops, Other
 from hil.design.coupled.structure import Structure
 from hil.design.frequency import Loop, TwoInertia
-from hil.design.uncertainty import SIGMAS, Member
+from hil.design.uncertainty import CORNER_SIGMAS, Member
 from hil.robot_tables import Control
 
 Real = NDArray[np.float64]
 
 LINE_FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Fractions of the way at which the arm is frozen."""
-LOOP_SPEEDS = 6
-"""Speeds within a filter's range at which other axes' filters are frozen."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
         return _by_masses(_Masses(bench.arm, joints), bench, axis, law, factors)
     known = None if identified is None else identified.arm
     if known is not None and axis in known.axes:
-        away = max(away, SIGMAS * known.dip_error)
+        away = max(away, CORNER_SIGMAS * known.dip_error)
         masses = _Masses.identified(bench, known, identified_axes)
         if all(masses.is_known_at(posture.joints_rad) for posture in _postures(bench, bench.arm, axis)[0]):
             return _by_masses(masses, bench, axis, law, [1.0, 1.0 - away, 1.0 + away])
@@ -279,7 +277,7 @@ def _filtered(label: str, whole: Structure, numbers: Sequence[int], axis: int, l
     if len(laws) < len(numbers) - 1:
         return found
     for number, loop in laws.items():
-        speeds = [np.linspace(one.start_rps, one.end_rps, LOOP_SPEEDS) for one in loop.notches if one.mode != NOTCH_OFF]
+        speeds = [np.linspace(one.start_rps, one.end_rps, POLE_SPEEDS) for one in loop.notches if one.mode != NOTCH_OFF]
         for speed in np.unique(np.concatenate([np.zeros(0), *speeds])).tolist():
             closed = tuple(Other(numbers.index(each), laws[each], speed if each == number else 0.0) for each in laws)
             words = f"{label}, other loops closed, axis {number} at {speed:.2f} rev/s"

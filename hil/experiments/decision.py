@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Self
 
-PROBABILITY = 0.975
-"""Probability from which a claim counts as true."""
-SIGMAS = NormalDist().inv_cdf(PROBABILITY)
-"""The same as standard errors by which an estimate must meet the claim."""
+from hil.design.estimation import PROBABILITY
+
+MOST_RUNS = 4
+"""Most runs of either kind where one leaves a claim open: the mean of n runs halves the sensor's noise at n = 4."""
 
 RISK = 0.1
 """Probability from which a harm is not risked after the last run: one that is let through weighs as nine that were none."""

@@ -16,14 +16,12 @@ from dataclasses import replace
 from hil.analysis import TipScale, order_window_rps
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.alternation import Alternation
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.judge import shown_rps
 from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.runs import FilterTrial, FilterTrialPeak
-
-MOST_RUNS = 6
-"""Most runs of either kind: where the sensor's noise may hide a rise, the mean of so many may show it."""
 
 
 def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:

@@ -16,8 +16,10 @@ from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps,
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.trajectory import reach_rps
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S, Complex
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
+from hil.design.uncertainty import LEAST_SPREAD
 from hil.errors import NotPossibleError
 from hil.experiments.shaping import rates_of
 from hil.recording import Recording
@@ -30,10 +32,8 @@ PAPER_LINE_AXIS = 2
 PAPER_TOLERANCE = 0.05
 """Relative difference from the paper's f_al beyond which an axis is another one."""
 
-FEWEST_ERRORS = 3.0
-"""Difference between a model's f_al and a run's own, in units of its standard error, from which it is said."""
-LEAST_DIFFERENCE, MOST_DIFFERENCE = 0.03, 0.15
-"""The same as a fraction of f_al: the least that is said, and that from which the run is not judged."""
+MOST_DIFFERENCE = 0.15
+"""Difference between a model's f_al and a run's own, as a fraction, from which the run is not judged."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
     if own is None:
         return FoundScale(known, "model", words=words)
     difference = own.peak_hz - known.f_al_hz
-    least = max(FEWEST_ERRORS * own.standard_error_hz, LEAST_DIFFERENCE * known.f_al_hz)
+    least = max(FAR_SIGMAS * own.standard_error_hz, LEAST_SPREAD * known.f_al_hz)
     if abs(difference) <= least:
         return FoundScale(known, "model", words=words)
     remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz; the ramp itself shows {own_words(own)}"

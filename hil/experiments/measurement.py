@@ -22,6 +22,11 @@ from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.base import LOG_FILE, RESULT_FILE, MeasuredBench, MeasuredResult
 
+MAX_MISSED = 0.005
+"""Fraction of a motion's cycles that may lack an answer, a set-point in time, or what tells the tip.
+
+Beyond it a run does not count."""
+
 ClockName = Literal["lock-step", "wall"]
 
 R = TypeVar("R", bound=MeasuredResult)

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
+from hil.design.notch_problem import WORSE_FRACTION, WORSE_MM
 from hil.experiments.decision import Decision
 from hil.experiments.window import noise_variance
 from hil.recording import Recording
@@ -17,8 +18,6 @@ from hil.recording import Recording
 Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
-WORSE_FRACTION, WORSE_MM = 0.05, 0.002
-"""Rise of a peak that is harmless, whichever is more."""
 LEAST_ROWS = 8
 """Rows that a window must have."""
 

@@ -30,18 +30,15 @@ from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import OrderTrack, order_track
 from hil.experiments.judge import FoundScale
+from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
 from hil.recording import SENSED, TIP, Recording
 from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_acceleration, vector_metrics
 
 Real = NDArray[np.float64]
 
-MAX_SENSOR_MISSED = 0.005
-"""Fraction of a motion's cycles that may lack what tells the tip; beyond it the run is not judged."""
 NOISE_PEAK = 2.5
 """Largest value of a band's noise in a window, in units of its root mean square: that of a dozen independent samples."""
-MAX_LATE = 0.005
-"""Fraction of a motion's cycles on the wall clock that may be dropped or lack an answer; beyond it the run is not judged."""
 
 
 @dataclass(frozen=True)
@@ -177,15 +174,15 @@ def _check_cycles(bench: Bench, result: RunResult) -> None:
     Raises:
         ValueError: It does; the message has the numbers.
     """
-    if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
+    if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_MISSED * result.cycles:
         raise ValueError(
             f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
-            f"lack an answer; at most {100.0 * MAX_LATE:g} % is allowed; see docs/realtime.md"
+            f"lack an answer; at most {100.0 * MAX_MISSED:g} % is allowed; see docs/realtime.md"
         )
-    if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
+    if result.sensor_missed > MAX_MISSED * result.cycles:
         raise ValueError(
             f"the {bench.accelerometer.title} was missing in {result.sensor_missed} of {result.cycles} cycles; at "
-            f"most {100.0 * MAX_SENSOR_MISSED:g} % is allowed"
+            f"most {100.0 * MAX_MISSED:g} % is allowed"
         )
 
 

@@ -32,10 +32,11 @@ from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
 from hil.design.ate.misfit import LEAST_MISSED
 from hil.design.ate.model import Arm, Sensing, Sweep
-from hil.design.ate.refinement import MOUNTING_HZ
 from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
 from hil.design.estimate import Estimate
+from hil.design.frequency import MOUNTING_HZ
+from hil.design.plant_problem import SMOOTHED_LINES
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -43,8 +44,6 @@ Complex = NDArray[np.complex128]
 
 LARGEST_ENCODER = 13.0
 """Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
-SMOOTHED_BINS = 5
-"""Neighbouring frequencies over which the power of the modelled vibration is averaged for the variance that grows with it."""
 SCORING_STEPS = 8
 """Most steps in a round of scoring."""
 SEARCHING, FINISHING = (2, 1.0), (4, 0.01)
@@ -292,7 +291,7 @@ class GearFit:
         """Smoothed power of the vibration that θ_sync makes, per sample."""
         still = p.copy()
         still[self._setting.waves] = 0.0
-        made, window = [], np.ones(SMOOTHED_BINS) / SMOOTHED_BINS
+        made, window = [], np.ones(SMOOTHED_LINES) / SMOOTHED_LINES
         with_error, _ = self._left(p)
         without, _ = self._left(still)
         for ramp, one, other in zip(self._ramps, with_error, without, strict=True):

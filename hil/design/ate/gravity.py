@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from hil.design.ate.model import Sweep
 from hil.design.ate.reaction import averaged
+from hil.design.order_map import SLOWEST_RPS
 
 Real = NDArray[np.float64]
 
-SLOWEST_RAD_S = 2.0
-"""Least motor speed of a sample that counts: slower than that friction depends on the speed."""
 MEAN_S = 0.1
 """Width of the mean over which torque and motion are slow."""
 BLOCK_S = 0.5
@@ -57,7 +56,7 @@ def weight_of(sweeps: Sequence[Sweep], reduction_ratio: float, arm_inertia: tupl
         speed = np.gradient(angle, sweep.period_s)
         posture = angle / reduction_ratio
         columns = (np.sign(speed), speed, np.gradient(speed, sweep.period_s), np.cos(posture), np.sin(posture))
-        inside = np.abs(speed) > SLOWEST_RAD_S
+        inside = np.abs(speed) > math.tau * SLOWEST_RPS
         inside[: 2 * width] = inside[-2 * width :] = False
         turned = np.convolve(np.sign(speed), np.ones(2 * width + 1), "same")
         inside &= np.abs(turned) > 2 * width  # it does not turn round within the mean

@@ -33,18 +33,18 @@ from hil.control.angles import ARCSEC
 from hil.control.order_keys import amplitude_key, order_keys, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import misfit, noise_variance, structured_power
-from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
+from hil.design.ate.model import BAND, GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate.motion import motion_factor
 from hil.design.ate.refinement import bend_weight, is_rounding_felt, refined, slopes_by_arm, without_rounding
 from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter, inverse
+from hil.design.ringing import DAMPINGS
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 Real = NDArray[np.float64]
 
 SEARCH_HZ = (4.0, 35.0)
 """Resonances among which an unknown arm is searched."""
-SEARCH_DAMPING = (0.02, 0.05, 0.12)
 DELAYS, FINE_DELAYS = 11, 21
 """Delays of a search over arm and delay, and of the one for the delay alone."""
 SPRING_MISS = 0.01
@@ -63,8 +63,6 @@ LEAST_SIZE_RAD = 1e-3 * ARCSEC
 """Amplitude below which an order has no phase."""
 BOTH_WAYS: Mapping[int, str] = MappingProxyType({1: "forwards", -1: "backwards"})
 """Directions of ramps, in words."""
-BAND = (0.5, 2.1)
-"""Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 
 
 @dataclass(frozen=True)
@@ -263,7 +261,7 @@ def _search(
     if start is not None and start.others:  # with the other modes as they are known only this one's neighbourhood is left
         low, high = 0.9 * start.resonance_hz, min(1.1 * start.resonance_hz, top)
     others = () if start is None else start.others
-    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in SEARCH_DAMPING]
+    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in DAMPINGS]
     if start is not None:
         arms.append(start)
     # the motor's own motion is as late as all else: at 30 Hz a delay that is left out looks like another resonance

@@ -8,6 +8,7 @@ an order's amplitude and phase follows from where it lies: a residual while the 
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,6 @@ On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 
 it was 0.76 to 1.02 on the robots 50201 to 50400."""
 QUIET = 0.25
 """Quantile of the blocks' powers that is taken for quiet."""
-QUIET_SIGMA = -0.6745
-"""The same quantile of a normal distribution."""
 CHANCE = 1.5
 """Power of a block over that of the noise up to which it may be chance."""
 
@@ -40,7 +39,7 @@ def noise_power(powers: Real, freedom: float) -> float:
     """
     # Wilson and Hilferty's approximation of the quantile of χ²/n
     spread = 2.0 / (9.0 * max(1.0, freedom))
-    quiet = max(0.2, 1.0 - spread + QUIET_SIGMA * math.sqrt(spread)) ** 3
+    quiet = max(0.2, 1.0 - spread + NormalDist().inv_cdf(QUIET) * math.sqrt(spread)) ** 3
     return float(np.quantile(powers, QUIET)) / quiet
 
 

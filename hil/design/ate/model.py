@@ -31,8 +31,8 @@ EVEN = 2.0
 Where a part of the vibration was cancelled less is left, and what a gear that is not a spring makes of it is less as well."""
 LEAST_SENSOR_NOISE = 0.05
 """Least fraction of a residual's power that is taken for the sensor's."""
-BEND_UP_TO = 2.1
-"""Frequency, by the arm's, up to which a bend is meant: the end of the band."""
+BAND = (0.5, 2.1)
+"""Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 FLOOR = 0.02
 """Smallest ζ ω, as a fraction of ω, for which a transform is padded."""
 
@@ -135,7 +135,7 @@ class Arm:
             for each in self.others:
                 made = made + each.part * self._follows(np.asarray(frequency_hz) / each.resonance_hz, each.damping)
         if self.bend:
-            made = made / (1.0 - self.bend * np.minimum(x, BEND_UP_TO) ** 2)
+            made = made / (1.0 - self.bend * np.minimum(x, BAND[1]) ** 2)
         return np.asarray(made * np.exp(-2j * math.pi * frequency_hz * self.delay_s) if self.delay_s else made)
 
     def _follows(self, over_resonance: Real, damping: float) -> Complex:

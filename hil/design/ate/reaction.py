@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.frequency import Loop
 from hil.design.order_map import order_tracks
 from hil.design.transmission_error import TransmissionError
@@ -35,11 +36,8 @@ LOSSLESS_ERROR = 0.1
 """Standard deviation of the reaction of a gear from 1, that of one without losses; harmonic drives give back 80 to 95 %."""
 REACTS = 0.5
 """Prior probability that a gear reacts on its motor: neither is preferred."""
-FAR_SIGMAS = 3.0
-"""Standard errors from both, a gear that reacts and one that does not, from which on it is something else: cogging, friction."""
-UNLIKELY = 0.025
-"""Probability below which a gear does not react."""
 FEWEST_WINDOWS = 20
+"""Windows below which a torque says nothing of a reaction: a jackknife of fewer than two blocks has no spread."""
 BLOCK = 16
 """Windows of a block: those that overlap, and as many again."""
 ARM_MISFIT = 0.05
@@ -142,7 +140,7 @@ class Reaction:
         if self.is_neither:
             return Reaction(before, math.sqrt(before * (1.0 - before)))
         reacts = self.probability(before)
-        if reacts < UNLIKELY:
+        if reacts < 1.0 - PROBABILITY:
             return Reaction(0.0, self.standard_error)
         measured, known = self.standard_error**-2, LOSSLESS_ERROR**-2
         there = (measured * self.value + known) / (measured + known)

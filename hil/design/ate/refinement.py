@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from hil.design.ate.model import Arm, RampsModel, least_squares
 from hil.design.estimation import inverse
+from hil.design.frequency import MOUNTING_HZ
 
 Real = NDArray[np.float64]
 
-MOUNTING_HZ = 110.0
-"""A sensor's resonance on its mounting, as likely below as above, so its bend at an arm's frequency f is within ±(f/110 Hz)²."""
 LARGEST_BEND = 0.17
 """A mounting that resonates at 2.4 times the arm's frequency."""
 ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20

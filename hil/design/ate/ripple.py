@@ -17,27 +17,30 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Sweep
+from hil.design.estimation import ROUNDING
+from hil.design.frequency import OF_SAMPLING
+from hil.design.ringing import RINGING
 from hil.design.transmission_error import motor_speed_rps
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SPLINED, CALCULATED = 0.3, 0.4
-"""Frequencies over the sampling rate up to which the spline through the samples is kept, and from which c_k replaces it."""
+SPLINED = 0.3
+"""Frequency over the sampling rate up to which the spline through the samples is kept; from `OF_SAMPLING` on c_k replaces it."""
 POWERS = (1, 2)
 """Powers of f_k/|f_m|."""
 PATH_SAMPLES, WAVE_SAMPLES = 7.5, 19.0
 """Samples between the knots of θ̄ and of the other orders' amplitudes.
 
 On four drawn robots with T = 8 ms, 6 to 10 and 12 to 31 samples give A_k that differ by 0.1 to 0.5 %."""
-RINGING, PASSING = 1.35, 1.16
-"""Factors around f_a within which a fitted and another order make the arm ring, which shakes the motor: these rows are left out.
+PASSING = 1.16
+"""Factor around f_a within which an order that is not fitted shakes the motor; a fitted one does within `RINGING`.
+
+These rows are left out.
 
 With them, an order of one of the four robots got 383″ instead of 56″."""
 STRETCH_ROWS = 30
 """Fewest samples of a stretch that are fitted."""
-LEAST_PART = 1e-7
-"""Least part of the largest column that is not taken for rounding."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class Ripple:
         angle, rate = np.zeros((2, *np.shape(motor_angle_rad)))
         for order, coefficients in self.waves.items():
             slowness = _slowness(order, motor_speed_rps, self.period_s)
-            replaced = np.clip((1.0 / slowness - 1.0) / (CALCULATED / SPLINED - 1.0), 0.0, 1.0)
+            replaced = np.clip((1.0 / slowness - 1.0) / (OF_SAMPLING / SPLINED - 1.0), 0.0, 1.0)
             forwards, backwards = (sum(c * slowness**p for c, p in zip(each, POWERS, strict=True)) for each in coefficients)
             wave = replaced * np.where(motor_speed_rps > 0.0, forwards, backwards) * np.exp(1j * order * motor_angle_rad)
             angle += wave.real
@@ -143,7 +146,7 @@ class _Stretch:
             rest += [amplitudes * wave[:, np.newaxis] * is_slow for wave in self._waves_of(order)]
         columns, triangle, _ = scipy.linalg.qr(np.hstack(rest) * self._keep[:, np.newaxis], mode="economic", pivoting=True)
         sizes = np.abs(np.diag(triangle))
-        self._rest = columns[:, sizes > LEAST_PART * max(sizes[0], 1.0)]
+        self._rest = columns[:, sizes > ROUNDING * max(sizes[0], 1.0)]
 
     def _shown(self, order: float) -> Real:
         return np.asarray(order * np.abs(self._speed) * self._period_s)

@@ -18,26 +18,22 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, ROUNDING
 from hil.design.frequency import Real
 
-BASE_TOLERANCE = 1e-9
-"""Singular value over the largest from which a combination of masses shows in no posture."""
 RANK_TOLERANCE = 1e-5
-"""The same of what was measured, all unknowns scaled alike: from there a combination is not determined by these postures."""
+"""Singular value over the largest, all unknowns scaled alike, below which these postures do not determine a combination."""
 LEAST_FREQUENCY_ERROR = 0.003
 """Relative error of a dip at least: an excited joint turns by degrees, and its dips move by some tenths of a per cent."""
 LEAST_INERTIA_ERROR = 0.01
 """Error of an effective inertia at least, in units of the joint's whole inertia."""
-MOST_MISFIT = 5.0
-"""Misfit from which masses are none, in standard errors."""
-MOST_FIT_ROUNDS = 60
 MOST_STARTS, START_SPREAD, GOOD_COST = 4, 0.6, 1.0
 """Starts of the fit at most, by how much the masses of their links differ (natural logarithm), and the cost of a residual, half
 its square, from which one is good enough: a fit may take dips for each other."""
+MOST_MISFIT = 5.0
+"""Misfit from which masses are none, in standard errors."""
 PER_BODY = 10
 """Numbers of a link in θ."""
-UNKNOWN_STEP = 1e-6
-"""Change of an unknown for a slope."""
 FAR_OFF = 1e3
 """Residual of masses that no arm has."""
 
@@ -167,7 +163,7 @@ def base_of(workspace: Real) -> Real:
         workspace: Y of postures all over it; shape (postures, n, n, parameters).
     """
     _, sizes, rows = np.linalg.svd(workspace.reshape(-1, workspace.shape[-1]), full_matrices=False)
-    return np.asarray(rows[sizes > BASE_TOLERANCE * sizes[0]].T)
+    return np.asarray(rows[sizes > ROUNDING * sizes[0]].T)
 
 
 def fit_masses(regressors: Real, felt: Sequence[FeltMode], workspace: Real, made_up: Real) -> MassFit:
@@ -216,7 +212,7 @@ def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Rea
         def left(x: Real, size: float = size) -> Real:
             return _residuals(x, reduced, felt, size)
 
-        fit: Any = scipy.optimize.least_squares(left, start, x_scale="jac", method="trf", max_nfev=MOST_FIT_ROUNDS)
+        fit: Any = scipy.optimize.least_squares(left, start, x_scale="jac", method="trf", max_nfev=EVALUATIONS)
         found.append((float(fit.cost), number, fit, size))
         if fit.cost < GOOD_COST * len(fit.fun):
             break
@@ -283,8 +279,8 @@ def _start(reduced: Real, felt: Sequence[FeltMode], made_up: Real) -> tuple[Real
 
 def _slopes(function: Callable[[Real], Real], x: Real) -> Real:
     """Slopes of a function by central differences; shape (values, unknowns)."""
-    steps = UNKNOWN_STEP * np.eye(len(x))
-    return np.stack([(function(x + step) - function(x - step)) / (2.0 * UNKNOWN_STEP) for step in steps], axis=1)
+    steps = DIFFERENCE_STEP * np.eye(len(x))
+    return np.stack([(function(x + step) - function(x - step)) / (2.0 * DIFFERENCE_STEP) for step in steps], axis=1)
 
 
 def _most_telling(x: Real, around: Real, size: float, information: Real) -> int:

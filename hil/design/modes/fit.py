@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.estimation import EstimatedMode, EstimatedParameter, inverse
-from hil.design.frequency import Complex, Real
+from hil.design.estimation import DIFFERENCE_STEP, SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
+from hil.design.frequency import LIKELY_DAMPING, Complex, Real
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
 from hil.design.plant_identification import SMALLEST_MISFIT, Descents, PlantEstimate, estimate_of
 from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
@@ -23,7 +23,6 @@ from hil.design.plant_spectra import Spectra
 
 MODE_GRID = 32
 """Frequencies that are tried for a mode."""
-TRIED_DAMPING = 0.04
 START_OPEN = 0.05
 """Relative error that is left open while starts are looked for: dampings are not fitted there."""
 DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.02)
@@ -34,10 +33,6 @@ MODES_APART = 1.15
 """Least ratio of two modes' frequencies."""
 UNKNOWN_COST = 3.0
 """What an unknown more must bring, over what the information criterion asks: scatter is not all that a model leaves."""
-THERE_SIGMAS = 4.0
-"""Effective inertia over its standard error from which a mode is there."""
-SLOPE_STEP = 1e-5
-"""Change of an unknown for a slope."""
 LEADING = 0.3
 """Part of the largest tip part, or inertia, from which the lowest mode is the leading one."""
 
@@ -112,7 +107,7 @@ def _are_there(fit: _Fit) -> bool:
     """True if each mode is significant and no two lie together."""
     covariance, modes = fit.covariance(), fit.problem.modes(fit.x)
     spots = [J_L, *(slot + INERTIA for slot in fit.problem.slots(fit.x))]
-    known = all(THERE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)
+    known = all(SURE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)
     hz = sorted(mode.frequency_hz for mode in modes)
     return known and all(high > MODES_APART * low for low, high in itertools.pairwise(hz))
 
@@ -196,7 +191,7 @@ def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
     angle = data.angle.mean(axis=0)
     stiffness = np.asarray(torque / angle)
     noise = np.sqrt(problem.scatter.output) / np.maximum(np.abs(angle), 1e-300)
-    columns = [jw**2, jw, *(jw**2 * amplification(float(hz), TRIED_DAMPING, jw) / problem.ratio**2 for hz in grid)]
+    columns = [jw**2, jw, *(jw**2 * amplification(float(hz), LIKELY_DAMPING, jw) / problem.ratio**2 for hz in grid)]
     return _weighted(np.stack(columns, axis=1), stiffness, 1.0 / (np.abs(stiffness) * np.hypot(noise, START_OPEN)), 2)
 
 
@@ -215,7 +210,7 @@ def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
     rigid = problem.lever_m / problem.ratio * jw**2
     found = []
     for delay_s in DELAYS_S:
-        columns = [rigid * amplification(float(hz), TRIED_DAMPING, jw) * np.exp(-jw * delay_s) for hz in grid]
+        columns = [rigid * amplification(float(hz), LIKELY_DAMPING, jw) * np.exp(-jw * delay_s) for hz in grid]
         found.append(_weighted(np.stack(columns, axis=1), follows, weight, 0, delay_s))
     return found
 
@@ -235,7 +230,7 @@ def _start(problem: ModalProblem, grid: Real, each: tuple[int, ...], motor: _Lin
     parts = sizes / whole if best is None else best.signed(each)[1]
     lever = max(abs(float(np.sum(parts))), 0.1)
     modes = [
-        ArmMode(float(s), float(grid[i]), TRIED_DAMPING, float(p) / lever) for i, s, p in zip(each, sizes, parts, strict=True)
+        ArmMode(float(s), float(grid[i]), LIKELY_DAMPING, float(p) / lever) for i, s, p in zip(each, sizes, parts, strict=True)
     ]
     start = np.array([max(float(solved[0]), 0.02 * whole / problem.ratio**2), float(solved[1])])
     x = problem.start_with(start, sorted(modes, key=lambda mode: -mode.inertia_kg_m2))
@@ -275,7 +270,9 @@ def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
         return np.array([*itertools.chain(*rows), stiffness, 2.0 * modes[lead].damping * stiffness / omega])
 
     values = numbers(fit.x)
-    slope = np.stack([(numbers(fit.x + SLOPE_STEP * unit) - values) / SLOPE_STEP for unit in np.eye(len(fit.x))], axis=1)
+    slope = np.stack(
+        [(numbers(fit.x + DIFFERENCE_STEP * unit) - values) / DIFFERENCE_STEP for unit in np.eye(len(fit.x))], axis=1
+    )
     errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     cells = [EstimatedParameter(float(v), float(e)) for v, e in zip(values, errors, strict=True)]
     parts = 5 if problem.data.tip is not None else 4

@@ -22,25 +22,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.design.estimation import EstimatedMode
-from hil.design.frequency import AnyComplex, Complex, Real, TwoInertia
+from hil.design.frequency import TIP_HZ, AnyComplex, Complex, Real, TwoInertia
 from hil.design.plant_problem import (
     DAMPING,
     J_L,
     K_G,
     LARGEST_CHANGE,
+    LEVER,
+    TURNED,
     PlantProblem,
     SamplingTiming,
 )
 from hil.design.plant_spectra import Spectra
 
-WITHOUT_TIP, WITH_TIP = 8, 14
+WITHOUT_TIP, WITH_TIP = LEVER, TURNED + 1
 """Unknowns of motor and first mode."""
 INERTIA, FREQUENCY, ZETA, PART = range(4)
 """Unknowns of each further mode: ln J_i, ln ω_i, ln ζ_i, and with an accelerometer γ_i."""
 WIDEST = 0.3
 """Largest change of ln ω_i in one round of the fit."""
-TIP_HZ = 60.0
-"""Frequency up to which the tip is used."""
 SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
 """Range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
 

@@ -19,11 +19,9 @@ import numpy as np
 from hil.control.shapers import MOST_SHAPED_DAMPING, SwingingMode
 from hil.design.coupled.structure import Structure
 from hil.design.estimation import inverse
-from hil.design.frequency import Complex, Loop, Real
+from hil.design.frequency import TIP_HZ, Complex, Loop, Real
 from hil.design.modes.problem import ArmMode
 
-FASTEST_POLE_HZ = 60.0
-"""Frequency up to which a pole is looked at: the others, of filters, have died away before anything is seen."""
 APART_HZ = 1e-3
 """Difference below which two poles are one."""
 FEWEST_SAMPLES = 64
@@ -33,7 +31,7 @@ LONGEST_S = 1.0
 
 
 def closed_loop_rates(loop: Loop, modes: Sequence[ArmMode] = ()) -> Complex:
-    """Closed-loop rates s at standstill, in rad/s, up to `FASTEST_POLE_HZ`.
+    """Closed-loop rates s at standstill, in rad/s, up to `TIP_HZ`.
 
     There is one of each pair; those that ring come last.
 
@@ -47,7 +45,7 @@ def closed_loop_rates(loop: Loop, modes: Sequence[ArmMode] = ()) -> Complex:
     else:
         poles = loop.closed_loop_poles()
     rates = np.log(poles.astype(np.complex128)) / loop.period_s
-    highest, least = 2.0 * math.pi * FASTEST_POLE_HZ, 2.0 * math.pi * APART_HZ
+    highest, least = 2.0 * math.pi * TIP_HZ, 2.0 * math.pi * APART_HZ
     kept = [complex(rate.real, rate.imag if rate.imag > least else 0.0) for rate in rates if rate.imag > -least]
     return np.array(sorted((rate for rate in kept if abs(rate) <= highest), key=lambda rate: (_rings(rate), abs(rate))))
 

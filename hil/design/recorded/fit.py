@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.design.order_map import TURNS
 from hil.design.recorded.slow import DegreeChoice, degrees_for
 
 Real = NDArray[np.float64]
@@ -23,8 +24,6 @@ REPEATS = 120
 """Signals that are made of the blocks of a residual."""
 DRAWN_BLOCK_TURNS = 1.0
 """Revolutions of the motor in a block."""
-LEAST_PASSES = 2.0
-"""Revolutions of a stretch times its lowest order, and times the least difference of two orders, that tell them apart."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def least_turns(orders: Sequence[float]) -> float:
     """
     known = sorted(orders)
     gaps = [b - a for a, b in pairwise(known)]
-    return LEAST_PASSES / min([known[0], *gaps])
+    return TURNS / min([known[0], *gaps])
 
 
 def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = REPEATS, degree: int | None = None) -> SectionFit:

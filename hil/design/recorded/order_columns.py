@@ -14,6 +14,7 @@ from hil.design.recorded.slow import slow_columns
 Real = NDArray[np.float64]
 
 SCAN_FROM, SCAN_TO, ORDER_STEP = 0.6, 10.0, 0.01
+"""Orders of a scan, and their step: below lies what is slow. A peak of r revolutions is 1/r wide, ten steps at r = 10."""
 SAMPLES_PER_TURN, LEAST_SAMPLES = 60, 500
 """Samples that show the highest order of a scan: of more the neighbours are averaged."""
 MOST_NUMBERS = 60_000_000

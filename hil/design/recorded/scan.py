@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.design.order_map import APART_TURNS
 from hil.design.recorded.fit import AngleSection, waves_of_angle
 from hil.design.recorded.order_columns import ORDER_STEP, SCAN_FROM, SCAN_TO, OrderColumns
 from hil.design.recorded.slow import slow_columns
@@ -34,8 +35,6 @@ MOST_LOOKS = 12
 """Bound of a scan: a look takes out one order."""
 MOST_TAKEN = 0.4
 """Orders to either side of one that was taken out that it may have taken along, at most."""
-APART_TURNS = 1.5
-"""Distance of two peaks that are told apart, in units of 1 / revolutions."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.recorded.fit import AngleSection, fit_section, waves_of_angle
 
 Real = NDArray[np.float64]
@@ -22,8 +23,6 @@ TOLD_WITHIN = 0.1
 """Standard error of c (k f_m)² at its largest from which the swing is told from a larger error."""
 LARGEST_SWING = 0.3
 """Largest c (k f_m)² for which the first order of the swing holds: the second is a tenth."""
-NOT_BELOW_SIGMAS = 3.0
-"""Standard errors of c below 0 that noise does not make: then it is not a swing that the amplitudes show."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class JointSwing:
         at_most = self.highest_hz**2
         return (
             self.error_per_hz2 * at_most < TOLD_WITHIN
-            and -NOT_BELOW_SIGMAS * self.error_per_hz2 < self.per_hz2 < LARGEST_SWING / at_most
+            and -FAR_SIGMAS * self.error_per_hz2 < self.per_hz2 < LARGEST_SWING / at_most
         )
 
 

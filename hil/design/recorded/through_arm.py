@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Arm, Sensing
+from hil.design.frequency import OF_SAMPLING
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.slow import degrees_for, slow_columns
 
@@ -101,7 +102,7 @@ class ThroughArm:
         self._fine_s = time_s[0] + period / self._every * np.arange((len(time_s) - 1) * self._every + 1)
         self._fine_rad = scipy.interpolate.CubicSpline(time_s, motor_rad)(self._fine_s)
         self.motor_rad = np.asarray(self._fine_rad[:: self._every])
-        self._low = scipy.signal.butter(4, min(PASSED_UP_TO * arm_hz, 0.4 / period), fs=1.0 / period, output="sos")
+        self._low = scipy.signal.butter(4, min(PASSED_UP_TO * arm_hz, OF_SAMPLING / period), fs=1.0 / period, output="sos")
         even = np.asarray(scipy.interpolate.CubicSpline(time_s, values)(self.time_s))
         self.signal = np.asarray(scipy.signal.sosfiltfilt(self._low, even))
         self._made: dict[tuple[Arm, tuple[float, ...]], Real] = {}

@@ -12,25 +12,22 @@ from hil.bench.bench import Limits
 from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S
+from hil.design.estimation import FAR_SIGMAS, SEEN_SIGMAS, SURE_SIGMAS
+from hil.design.ringing import LEAST_EXPLAINED
 from hil.errors import HilError, RefusalCause
 from hil.experiments.ate.motion import Ramps
+from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
 
 Real = NDArray[np.float64]
 
-MAX_MISSED = 0.005
-"""Fraction of a pass' cycles that may lack an answer, the accelerometer, or a set-point in time."""
-LEAST_EXPLAINED = 0.6
-"""Fraction of the vibration beyond noise that θ_sync must explain: 0.99 on gears of all kinds, 0.3 at a wrong resonance."""
-LEAST_SIGMAS = 5.0
-"""Least ratio of the largest A_k to its standard error."""
 VIBRATES = 0.1
 """Fraction of the vibration that neither the orders nor noise explain, from which another order is looked for."""
 GAIN_OF_PASSES = 2.0
 """Factor by which further passes, each slower, lower the standard errors."""
-SCALE_TOLERANCE, SCALE_SIGMAS = 0.25, 5.0
-"""Deviation from 1 of the motion's factor that is a wrong axis, sensor or lever: absolute, and in standard errors."""
-SCALE_REMARK, SCALE_REMARK_SIGMAS = 0.08, 3.0
+SCALE_TOLERANCE = 0.25
+"""Deviation from 1 of the motion's factor that is a wrong axis, sensor or lever."""
+SCALE_REMARK = 0.08
 """Deviation of that factor that is worth a note."""
 FEELS_NOTHING = 0.2
 """Factor below which the accelerometer does not feel the axis at all."""
@@ -157,7 +154,7 @@ def check_factor(factor: float, error: float) -> None:
     Raises:
         AteNotIdentifiedError: It is too far from 1.
     """
-    off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * error)
+    off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SURE_SIGMAS * error)
     if off <= allowed:
         return
     what = "relative deviation of the tip's response to the motor from tip_lever_m / reduction_ratio"
@@ -181,18 +178,18 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     order = max(ratios, key=lambda k: ratios[k])
     most = max(a + SIGNIFICANT_SIGMAS * errors[k] for k, a in estimate.error.amplitude_arcsec.items())
     hope = GAIN_OF_PASSES if passes_left and not sensorless else 1.0
-    if hope * ratios[order] >= LEAST_SIGMAS:
+    if hope * ratios[order] >= SEEN_SIGMAS:
         return
     remedy = f"no A_k is significant, and none is above {most:.2g}″; to see a smaller one, take a slower ramp or a better sensor"
     what = f"the ratio of the largest amplitude, A_{order:g}, to its standard error"
     is_of_orders = estimate.structured > VIBRATES
-    raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
+    raise AteNotIdentifiedError(what, ratios[order], SEEN_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
     """Describe a factor of the motor's motion that is doubtful, or None."""
     off = abs(estimate.motion_scale - 1.0)
-    if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
+    if off <= max(SCALE_REMARK, FAR_SIGMAS * estimate.motion_scale_error):
         return None
     return (
         f"the tip follows the motor {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as far "

@@ -22,13 +22,14 @@ from hil.design.ate.gravity import weight_of
 from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, JointEstimate, with_arm
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
-from hil.design.estimation import EstimatedParameter
+from hil.design.estimation import SURE_SIGMAS, EstimatedParameter
+from hil.design.ringing import BEYOND_RESONANCE
 from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import AteNotIdentifiedError, factor_remark, reached_rps
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import OrderScan, OrderWatch, checked, identify_orders
-from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
+from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, PASSED, Ramp, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import AteRequest, AxisKnowledge, Miss, first_ramp, is_seen, sensing_of
 from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.master.session import Session
@@ -53,9 +54,6 @@ SENSORLESS_BIAS = (
     "motor (τ_g dθ_sync/dθ_m, not in the model) adds 1.5 % to A_2 and 4 % to A_4"
 )
 """Measured at SYNC 1 and 2 ms on axes 2 and 3; the reaction with the emulator's `gear_reaction`."""
-AGREEMENT_SIGMAS = 4.0
-"""Standard errors from which a difference between the directions is remarked on: noise alone gives one in 2600 fits
-of three orders."""
 UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a number that is anywhere in a range, over the range."""
 NOTHING_KNOWN = AxisKnowledge()
@@ -332,7 +330,7 @@ def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstima
 def _remark(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> None:
     """Add notes for the engineer to a result that passed."""
     estimate, table = identification.estimate, bench.axis[request.axis]
-    apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS and estimate.gear is None]
+    apart = [each for each in estimate.agreement if each.sigma > SURE_SIGMAS and estimate.gear is None]
     identification.notes += [
         f"{each.words}, {each.sigma:.1f} times what noise explains; the model misses {100.0 * estimate.miss:.2g} % of the "
         "vibration, which the standard errors contain"

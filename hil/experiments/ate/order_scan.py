@@ -19,7 +19,8 @@ from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
-from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
+from hil.design.estimation import SEARCHED_SIGMAS
+from hil.experiments.ate.checks import VIBRATES, AteNotIdentifiedError, check_estimate
 from hil.experiments.ate.ramp import Ramp
 
 Real = NDArray[np.float64]
@@ -27,20 +28,24 @@ Real = NDArray[np.float64]
 LOOKED_AT = (0.5, 10.0)
 """Orders among which others are looked for, from and to."""
 SCAN_STEP, FINE_STEP = 0.125, 0.025
+"""Step of the orders of the scan, a quarter of the width of an order that is seen for two turns, and step about the best one."""
 STANDING_OUT = ((0.003, 20.0), (0.01, 4.0))
 """Fraction of the vibration's power, and power over that of the orders beside it, from which an order is fitted to see: of white
 noise exceeds 20 times its mean power with
 probability 10⁻⁸; high orders are passed within a turn, and show in those beside them too."""
-CLEAR_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
-"""Standard errors of its amplitude, and fraction of the vibration's power, from which an order is seen, and what its fit leaves
-over at most of what was left over without it."""
+SEEN_FRACTION, SEEN_LEAVES = 0.02, 0.7
+"""Fraction of the vibration's power from which an order is seen, and what its fit leaves over at most of what was left over
+without it."""
 APART_ORDERS, BESIDE_ORDERS = 0.6, 2.5
 """Distance in orders from which two are told apart, a resonance lasting two or three turns, and to which they are beside it."""
 NEARLY_AS_GOOD = 0.9
+"""Power of a whole order, over that of the best one beside it, from which the whole one is meant: most of a gear's are."""
 MOST_SEEN = 3
+"""Most orders that are found in this way: each takes a fit."""
 TRIED_ORDERS = (1, 2, 3, 4, 5, 6, 8)
-LITTLE_EXPLAINED, MUCH_BETTER = 0.9, 0.2
-"""Fraction of the vibration below which each of `TRIED_ORDERS` is fitted too, and the fraction by which it must explain more."""
+"""Orders of which each is fitted where those requested leave much: turns of the wave generator and their harmonics."""
+MUCH_BETTER = 0.2
+"""Fraction of the vibration by which one of `TRIED_ORDERS` must explain more."""
 LEAST_OWN = 0.1
 """Part of an order's sine that the fitted orders must not explain."""
 
@@ -140,7 +145,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
     leads the fit of the others astray, arm and all: where they explain little, each whole order is tried beside them.
     """
     scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
-    if estimate.explained_by_error < LITTLE_EXPLAINED:
+    if estimate.explained_by_error < 1.0 - VIBRATES:
         tried = [scan.with_order(estimate, order) for order in TRIED_ORDERS if order not in estimate.error.amplitude_arcsec]
         better = [fit for fit in tried if fit.explained_by_error > estimate.explained_by_error + MUCH_BETTER]
         if better:
@@ -152,7 +157,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
             break
         found = scan.with_order(estimate, order)
         new, left, once = scan.last_of(found), 1.0 - found.explained_by_error, 1.0 - estimate.explained_by_error
-        if new.sigmas < CLEAR_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
+        if new.sigmas < SEARCHED_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
             break
         seen.append(new)
         estimate = found
@@ -174,7 +179,7 @@ class _Scan:
 
     def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
         """Fit one more order, which is the last of the fit."""
-        is_near, orders = estimate.explained_by_error >= LITTLE_EXPLAINED, (*estimate.error.amplitude_arcsec, order)
+        is_near, orders = estimate.explained_by_error >= 1.0 - VIBRATES, (*estimate.error.amplitude_arcsec, order)
         start = estimate.arm if is_near else None
         return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
 

@@ -12,31 +12,28 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hil.bench.bench import Bench
+from hil.control.cancellation_table import LIMIT_USED
 from hil.control.trajectory import reach_rps
+from hil.design.estimation import ROUNDING
+from hil.design.ringing import BEYOND_RESONANCE, LEAST_END_RPS, RINGING
 from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.motions import MARGIN_REV
 
 Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
 """Limit that binds a ramp: without it alone, it would end faster or accelerate more slowly; empty if none does."""
 
-BEYOND_RESONANCE = 1.15
-"""Least end speed of a ramp over f_m2: the vibration has its largest amplitude behind the resonance."""
-END_OVER_RESONANCE = 1.35
-"""End speed of a ramp over f_m2 where f_a is known: a faster ramp gives no more information."""
-MARGIN_REV = 0.5
-"""Distance of a ramp from the bench file's position limits: a motor lags its set-point, 0.4 rev at 10 rps and K_pp = 25/s."""
 FIRST_ORDER_END, PASSED = 1.2, 1.08
 """End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
 """Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
 SLOWEST_RPS_S = 0.3
+"""Least acceleration of a first pass, which an arm below 3.3 Hz has."""
 ARM_HURRY = 2.0
 """Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
-LEAST_END_RPS, LEAST_WANTED_RPS = 0.5, 1.0
-SPEED_FRACTION = 0.95
-"""Fraction of the speed limit that a ramp uses."""
-ACCELERATION_ROOM = 1.001
-"""Acceleration of a ramp over the least that has room."""
+"""End speed where f_a is not known, at which order 2 has passed one of 17 Hz; deceleration where no bench file names one."""
+LEAST_WANTED_RPS = 1.0
+"""End speed that every ramp has that has the room for it."""
 ADVISED_RPS_S = 50.0
 """Accelerations from here on are not advised in messages."""
 
@@ -79,7 +76,7 @@ class RampLimits:
     @property
     def top_rps(self) -> float:
         """Largest speed of a ramp."""
-        return SPEED_FRACTION * self.speed_rps
+        return LIMIT_USED * self.speed_rps
 
     @property
     def braking_rps_s(self) -> float:
@@ -169,7 +166,7 @@ class Ramp:
         if not binds:
             return ""
         if binds == "speed":
-            return f"its limit speed_rps is {limits.speed_rps:g}; at least {end_rps / SPEED_FRACTION:.2f} is needed"
+            return f"its limit speed_rps is {limits.speed_rps:g}; at least {end_rps / LIMIT_USED:.2f} is needed"
         where, remedies = "between its position limits", ["widen them"]
         if limits.travel_limit == "joint travel":
             where, remedies = f"within ±{limits.joint_deg:g}° of the joint", ["raise identification_travel_deg"]
@@ -215,7 +212,7 @@ def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_
     if asked_rps_s > most:
         remedy = f"lower it, or raise axis.{limits.axis}.limits.acceleration_rps_s"
         raise UnsafeRequestError(f"the acceleration of axis {limits.axis}", asked_rps_s, most, "rev/s²", remedy)
-    acceleration = max(asked_rps_s, min(ACCELERATION_ROOM * limits.slowest(min(least_end_rps, top)), braking))
+    acceleration = max(asked_rps_s, min((1.0 + ROUNDING) * limits.slowest(min(least_end_rps, top)), braking))
     by_travel = reach_rps(limits.room_rev, acceleration, braking)
     end = min(end_rps, top, by_travel)
     binds: Binding = ""
@@ -234,5 +231,5 @@ def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float,
     Without an f_a it aims at `blind_end_rps`, with room for f_m2 of an arm of `ACCELERATION_AT_HZ`. `is_raised`: where travel is
     short.
     """
-    least = max(END_OVER_RESONANCE * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
+    least = max(RINGING * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
     return plan_ramp(limits, asked_rps_s, limits.blind_end_rps if arm_hz is None else least, least if is_raised else 0.0)

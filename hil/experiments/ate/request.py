@@ -12,6 +12,7 @@ from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedPlant, ide
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S, Arm, OtherMode, Sensing
 from hil.design.ate.reaction import MotorSide
+from hil.design.estimation import FAR_SIGMAS
 from hil.errors import NotPossibleError
 from hil.experiments.ate.ramp import Ramp, RampLimits, resonance_ramp
 from hil.robot_tables import ORDERS, PlantTable
@@ -115,10 +116,8 @@ class AteRequest:
 
 GEAR_FRACTION_ERROR = 0.15
 """Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
-LARGEST_FRACTION_ERROR = 0.29
-"""Standard deviation of a number of which nothing is known but that it lies between 0 and 1."""
-FARTHEST_DELAY_S, TOLD_SIGMAS = 0.010, 3.0
-"""Delay from a plant's beyond which none is searched, and its standard errors that must be within half of what is searched."""
+FARTHEST_DELAY_S = 0.010
+"""Delay from a plant's beyond which none is searched."""
 
 
 @dataclass(frozen=True)
@@ -223,16 +222,16 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
         return DELAY_S
     reach_s = min(0.25 / plant.antiresonance_hz, FARTHEST_DELAY_S)
     low, high = max(DELAY_S[0], delay_s - reach_s), min(DELAY_S[1], delay_s + reach_s)
-    is_told = TOLD_SIGMAS * plant.standard_error.get("accelerometer_delay_s", math.inf) < 0.5 * reach_s
+    is_told = FAR_SIGMAS * plant.standard_error.get("accelerometer_delay_s", math.inf) < 0.5 * reach_s
     return (low, high) if is_told and low < delay_s < high else DELAY_S
 
 
 def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -> float:
-    """Standard error of D_g/(D_g + D_l), at most `LARGEST_FRACTION_ERROR`."""
+    """Standard error of D_g/(D_g + D_l), at most that of a number between 0 and 1 of which nothing else is known."""
     error = errors.get("arm_damping_nm_s_rad")
     if error is None or not damping_nm_s_rad > 0.0:
         return GEAR_FRACTION_ERROR
-    return min(error / damping_nm_s_rad, LARGEST_FRACTION_ERROR)
+    return min(error / damping_nm_s_rad, 1.0 / math.sqrt(12.0))
 
 
 def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless: bool) -> Sensing:

@@ -21,9 +21,11 @@ from hil.bench.model import Identified, IdentifiedError, identified_axis, signif
 from hil.can.channel import Channel
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
-from hil.control.cancellation_table import CancellationTable, MotorLoad
-from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
+from hil.control.cancellation_table import LIMIT_USED, CancellationTable, MotorLoad
+from hil.design.frequency import CONTROL_PERIOD_S, TIP_HZ
+from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
+from hil.design.ringing import RINGING
+from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offset
 from hil.experiments.cancellation.effect import Part, Response
@@ -38,22 +40,16 @@ from hil.robot_tables import TransmissionErrorTable
 
 MAX_ERROR_ARCSEC = 200.0
 """Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
-KEPT_OVER_RESONANCE = 1.3
-"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
 HIGHEST_OVER_RESONANCE = 3.2
 """Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
 
 An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
 MAX_TORQUE_FRACTION = 0.2
 """Largest torque offset as a fraction of the torque limit."""
-TORQUE_USED = 0.95
-"""Fraction of that up to which waves are fitted in."""
 ORDINARY = 0.98
 """Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
-LAG_SIGMAS = 2.0
-"""Standard errors from which a lag of the current loop counts."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
 
@@ -290,7 +286,7 @@ def table_of(
     loop = table.loop(timing.control_period_s, with_notch=with_notch)
     assert loop is not None  # noqa: S101 - it has a model and gains
     scale, limits = scale_at(bench, number, loop.peak_hz()), table.limits
-    highest_hz = max(HIGHEST_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
+    highest_hz = max(TIP_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
 
     def by(way: Actuation) -> CancellationTable:
         error, chirp = (amplitudes_rad(model.ate), _phases_rad(model.ate)), pace.most_rad_s2
@@ -299,8 +295,8 @@ def table_of(
         except ValueError as error_of:
             raise NotPossibleError(f"axis {number}: {error_of}", ("nothing to cancel",)) from error_of
 
-    kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
-    alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm
+    kept_hz = RINGING * scale.f_al_hz
+    alone, room_nm = by("torque alone") if by_torque else None, LIMIT_USED * MAX_TORQUE_FRACTION * limits.torque_nm
     return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
 
 
@@ -348,7 +344,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
     It is 0 if it is not identified, or not significant.
     """
     part = identified_axis(identified, number).plant
-    if part is None or part.torque_lag_s < LAG_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
+    if part is None or part.torque_lag_s < CORNER_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
     return part.torque_lag_s
 

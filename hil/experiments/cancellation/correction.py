@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 from hil.bench.model import Correlation, IdentifiedError, significant
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.reaction import REACTS, UNLIKELY, Reaction
+from hil.design.ate.reaction import REACTS, Reaction
 from hil.design.estimate import Estimate
+from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
 from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict, Seen
@@ -52,8 +53,6 @@ DELAY_PERIODS = 0.1
 Drawn drives were up to 0.2 ms late at a period of 8 ms."""
 CONTRADICTED_S = 3e-3
 """The same where passes contradict it: answers that come late are some milliseconds late."""
-AGREE_SIGMAS = 3.0
-"""Standard errors of their difference up to which two values are the same one."""
 SAME = 0.1
 """Difference as a fraction up to which a value is the one that was refused."""
 LEAST_LEFT = 0.01
@@ -105,7 +104,7 @@ class OrderValue:
 
     def agrees(self, other: "OrderValue") -> bool:
         """True if two values agree within their standard errors."""
-        return abs(self.phasor - other.phasor) <= AGREE_SIGMAS * math.hypot(self.sigma_arcsec, other.sigma_arcsec)
+        return abs(self.phasor - other.phasor) <= FAR_SIGMAS * math.hypot(self.sigma_arcsec, other.sigma_arcsec)
 
     def words(self, order: float) -> str:
         """The value in words."""
@@ -372,7 +371,7 @@ class Correction:
             self._prior = self._prior.with_others({name: (0.0, bias) for way in (1, -1) for name in _bias(order, way)})
             self._widen(order, complex(np.mean(shown)), math.sqrt(0.5 * (bias**2 + noise)))
         found = self._observed()
-        if found.value(DELAY) - known_s > AGREE_SIGMAS * math.hypot(error_s, found.standard_error(DELAY)):
+        if found.value(DELAY) - known_s > FAR_SIGMAS * math.hypot(error_s, found.standard_error(DELAY)):
             return found
         self._prior = self._prior.replaced(DELAY, known_s, error_s)
         return self._observed()
@@ -403,7 +402,7 @@ class Correction:
         free = found.standard_error(REACTION)
         if free > math.sqrt(0.5) * self._prior.standard_error(REACTION):  # less than the prior says: the tip shows nothing of it
             return found.with_marginal(REACTION, known.value, known.standard_error)
-        before = REACTS if self.torque_shows is None else min(max(known.value, UNLIKELY), 1.0 - UNLIKELY)
+        before = REACTS if self.torque_shows is None else min(max(known.value, 1.0 - PROBABILITY), PROBABILITY)
         shown = Reaction(found.value(REACTION), free).posterior(before)
         return found.with_marginal(REACTION, shown.value, shown.standard_error)
 
@@ -547,7 +546,7 @@ def _errors_of(estimate: Estimate, order: float, size: float) -> tuple[float, fl
 
 def _differ(off: complex, along: float, across: float) -> bool:
     """True if a difference along and across is more than its standard errors explain."""
-    return (off.real * across) ** 2 + (off.imag * along) ** 2 > 2.0 * (AGREE_SIGMAS * along * across) ** 2
+    return (off.real * across) ** 2 + (off.imag * along) ** 2 > 2.0 * (FAR_SIGMAS * along * across) ** 2
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
 from hil.design.ate.model import Arm, levelled
-from hil.design.frequency import Loop
+from hil.design.estimation import EVALUATIONS, ROUNDING
+from hil.design.frequency import OF_SAMPLING, Loop
+from hil.design.ringing import PADDING_S
 from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
 from hil.recording import Recording
 
@@ -33,10 +35,6 @@ Rows = NDArray[np.bool_]
 
 LOWEST_HZ = 0.3
 """Below it nothing of X is needed: a band of vibration begins at 2 Hz."""
-RING_DOWN_S = 3.0
-"""Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
-LEAST_COLUMN, RIDGE = 1e-30, 1e-10
-"""Numbers that keep an inverse finite; a column of less is none."""
 LEAST_NOISE_M_S2 = 1e-5
 """Noise that every accelerometer has: no verdict rests on less."""
 LEAK = 0.01
@@ -48,12 +46,8 @@ JOLT = 0.6
 
 On 119 drawn arms below 7 Hz (10142 to 10341, 50001 to 50200) with the true cancellation, 190 orders kept 0.6 of it (root mean
 square; nine in ten less than 1.0)."""
-TOP_FRACTION = 0.4
-"""Highest frequency of a band as a fraction of the sampling rate."""
 LIKELY = (0.04, 0.4, 0.003)
 """Standard deviations of a model before the fit: of ln f, of ln ζ, and of the sensor's delay in s."""
-REFINED_EVALUATIONS = 120
-"""Bound of a refinement."""
 
 
 class Part(NamedTuple):
@@ -208,7 +202,7 @@ class _Spectra:
     def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
         period, self._count = recording.period_s, len(recording.time_s)
         self._rows = rows[: self._count]
-        self._length = int(scipy.fft.next_fast_len(self._count + round(RING_DOWN_S / period), real=True))
+        self._length = int(scipy.fft.next_fast_len(self._count + round(PADDING_S / period), real=True))
         self.frequency = scipy.fft.rfftfreq(self._length, period)
         self._weight = _weight(self.frequency, period, band_hz)
         self.independent = float(np.mean(self._weight**2))
@@ -241,7 +235,7 @@ def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -
 
     Shape of `frequency_hz`.
     """
-    top = min(band_hz[1], TOP_FRACTION / period_s)
+    top = min(band_hz[1], OF_SAMPLING / period_s)
     band = scipy.signal.butter(2, (band_hz[0], top), "bandpass", fs=1.0 / period_s, output="sos")
     return np.asarray(np.abs(scipy.signal.sosfreqz(band, frequency_hz, fs=1.0 / period_s)[1]) ** 2)
 
@@ -259,7 +253,7 @@ def acceleration_of(
     values: Real, period_s: float, band_hz: tuple[float, float], angle_per_value: Callable[[Real], Complex]
 ) -> Real:
     """Acceleration in a band of the angle that samples cause; shape of `values`."""
-    length = int(scipy.fft.next_fast_len(len(values) + round(RING_DOWN_S / period_s), real=True))
+    length = int(scipy.fft.next_fast_len(len(values) + round(PADDING_S / period_s), real=True))
     frequency, spectrum = acceleration_spectrum(values, period_s, length)
     made = scipy.fft.irfft(spectrum * _weight(frequency, period_s, band_hz) * angle_per_value(frequency), length)
     return np.asarray(made[: len(values)])
@@ -267,10 +261,10 @@ def acceleration_of(
 
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
     """Unknowns of least squares, their variances per residual variance, and the residual."""
-    scale = np.sqrt(np.sum(columns**2, axis=0)) + LEAST_COLUMN
+    scale = np.sqrt(np.sum(columns**2, axis=0)) + np.finfo(np.float64).tiny ** 0.25
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
-    inverse = np.linalg.inv(scaled.T @ scaled + RIDGE * np.eye(len(scale)))
+    inverse = np.linalg.inv(scaled.T @ scaled + ROUNDING * np.eye(len(scale)))
     unknowns = inverse @ (scaled.T @ wanted) / scale
     return unknowns, np.diag(inverse) / scale**2, wanted - columns @ unknowns
 
@@ -314,7 +308,7 @@ def refined(
             problem.cost,
             np.zeros(3),
             method="Nelder-Mead",
-            options={"maxfev": REFINED_EVALUATIONS, "xatol": 0.01, "fatol": 0.1, "initial_simplex": simplex},
+            options={"maxfev": EVALUATIONS, "xatol": 0.01, "fatol": 0.1, "initial_simplex": simplex},
         )
         found[index] = replace(axis, response=axis.response.varied(np.asarray(best.x, dtype=np.float64)))
     return tuple(found)

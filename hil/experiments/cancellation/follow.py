@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.analysis import DIRECTIONS
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
@@ -27,8 +28,6 @@ from hil.results.following import FollowedOrder
 
 Real = NDArray[np.float64]
 
-Z = 2
-"""Component of the tip's acceleration that a single lever, or a line's chain, moves."""
 LEAST_CHANGE = 1e-3
 """Change of a factor from which on the law is told of it."""
 NEVER = 1e9
@@ -135,11 +134,11 @@ class FollowingAdder:
         return self._cancellation.step(positions_rad, torques_nm)
 
     def _felt_m_s2(self) -> float | None:
-        """Acceleration of the tip by sensor or the joint's encoder; None if unknown."""
+        """Acceleration of the tip, as a lever or a line's chain moves it, by sensor or the joint's encoder; None if unknown."""
         tip, turned = self._sensed.tip_m_s2, self._sensed.load_rad
         if self._difference is not None:
             return self._difference(None if turned is None else turned[self._columns[0]])
-        return None if tip is None else tip[Z]
+        return None if tip is None else tip[DIRECTIONS.index("z")]
 
     def _tell(self) -> None:
         """Multiply the cancellation by the present factors."""

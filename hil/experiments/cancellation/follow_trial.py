@@ -20,8 +20,9 @@ from hil.analysis import TipScale, integrated_twice
 from hil.bench.bench import Bench
 from hil.control.following import FollowingSettings
 from hil.core.library import CORE
+from hil.design.estimation import SIGMAS
 from hil.experiments.cancellation.alternation import Alternation
-from hil.experiments.decision import SIGMAS
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -29,8 +30,6 @@ from hil.results.following import FollowingBegin, FollowingEntry, FollowingPeak
 
 LOUDER_MM = 0.001
 """Rise of the tip's peak that is harmless."""
-FOLLOW_ROUNDS = 3
-"""Most runs of either kind: where a rise may be the sensor's noise, the means of so many tell."""
 LITTLE = 0.05
 """Part of the largest fall up to which a rise that may be noise is taken for noise."""
 MOST_BEGIN = 0.6
@@ -94,7 +93,7 @@ def try_following(
     runs = Alternation(bench, scale, one, TITLES, reporter)
     changes: list[PeakChange] = []
     helps = is_louder = False
-    while runs.count < FOLLOW_ROUNDS:
+    while runs.count < MOST_RUNS:
         runs.once_more()
         changes = _changes(runs, scale)
         if not any(each.has_moved for watched in seen[True] for each in watched):

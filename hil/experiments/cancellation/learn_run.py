@@ -11,11 +11,11 @@ from pathlib import Path
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, identified_axis, load_identified, update_file
 from hil.can.channel import Channel
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.inverse import Actuation
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S
 from hil.experiments.bus_demand import BusDemand
-from hil.experiments.cancellation.correction import AGREE_SIGMAS
 from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn, learning_ramp
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.motor_inertia import given_inertia
@@ -177,7 +177,7 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
         correction = learnt.correction
         orders = ", ".join(value.words(k) for k, value in learnt.values().items() if value.source == "learnt")
         delay_ms, error_ms = 1e3 * correction.set_point_delay_s, 1e3 * correction.delay_error_s
-        is_late = delay_ms > AGREE_SIGMAS * error_ms
+        is_late = delay_ms > FAR_SIGMAS * error_ms
         late = f"; the motor follows {delay_ms:.2f} ± {error_ms:.2f} ms later than expected" if is_late else ""
         lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines += [f"axis {axis}: {words}" for words in learnt.kept()]

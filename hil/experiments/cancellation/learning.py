@@ -24,12 +24,13 @@ from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.motion import motion_factor
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation
+from hil.design.ringing import RINGING
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor
 from hil.experiments.ate.identify import SEARCHED_PASSES, checked_on_gear, standard_errors
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import OrderWatch, identify_orders, is_passed, is_significant
-from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
+from hil.experiments.ate.ramp import ACCELERATION_RPS_S, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import axis_knowledge, modal_arm
 from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, treated_model
@@ -52,8 +53,10 @@ LOWEST = 2.0
 """Order whose resonance every ramp passes; a lower one's where the limits allow."""
 
 PASSES = 5
-SECOND_GAIN = 0.5
-FIRST_WHOLE = 3
+"""Most passes unless another number is asked for: without, with a part, and three with the whole cancellation."""
+FIRST_GAINS = (0.0, 0.5)
+"""Parts of the cancellation in the first passes: half of it, turned by 180°, would add half of the vibration."""
+FIRST_WHOLE = len(FIRST_GAINS) + 1
 """Number of the first pass with the whole cancellation."""
 
 
@@ -294,7 +297,7 @@ def learn(
     learning = AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
     passes_judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
-        gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
+        gain = FIRST_GAINS[number - 1] if number < FIRST_WHOLE else 1.0
         session.check_interrupt()
         motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"
@@ -371,7 +374,7 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
     """End speed for a reached order below 2 in later ramps, or 0."""
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
-    return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
+    return min(end_rps, RINGING * arm_hz / min(low)) if low else 0.0
 
 
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:

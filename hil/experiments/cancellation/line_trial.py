@@ -19,6 +19,7 @@ from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.verdict import PartVerdict, Verdict
 from hil.experiments.cancellation.verification import Trial, Verification
 from hil.experiments.cancellation.waves import ProbedRows
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.judge import line_scale
 from hil.experiments.peaks import PeakChange
 from hil.experiments.window import NOISE_PEAK, noise_variance
@@ -32,8 +33,6 @@ LineRunner = Callable[[float, int | None, frozenset[Part]], Recording]
 """What runs the motion: with a fraction of the cancellation, on one axis alone or on all, without some parts."""
 
 WAYS = ("x", "y", "z", "the worst direction")
-MOST_PAIRS = 3
-"""Most runs without the cancellation, and with all of it."""
 
 
 def is_line_of_arm(bench: Bench, motion: Motion) -> bool:
@@ -59,9 +58,7 @@ def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRu
     if any(each.rises.holds for each in tried):
         return _judged(bench, gain, trials, parts, tried)
     whole = [add("the whole cancellation", 1.0)]
-    while (
-        any(each.rises.is_open and each.rises.is_likely for each in _changes(bench, without, whole)) and len(whole) < MOST_PAIRS
-    ):
+    while any(each.rises.is_open and each.rises.is_likely for each in _changes(bench, without, whole)) and len(whole) < MOST_RUNS:
         without.append(add("untreated, once more", 0.0))
         whole.append(add("the whole cancellation, once more", 1.0))
     return _judged(bench, gain, trials, parts, _changes(bench, without, whole))

@@ -12,9 +12,11 @@ import numpy as np
 
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
+from hil.control.cancellation_table import LIMIT_USED
+from hil.design.ringing import BEYOND_RESONANCE, RINGING
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import Ramps, ramps
-from hil.experiments.ate.ramp import BEYOND_RESONANCE, END_OVER_RESONANCE, SPEED_FRACTION, RampLimits, plan_ramp
+from hil.experiments.ate.ramp import RampLimits, plan_ramp
 from hil.experiments.cancellation.effect import Part, Response, sight
 from hil.experiments.cancellation.verdict import Seen
 from hil.experiments.cancellation.waves import waves_of
@@ -36,10 +38,10 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
     angle_rev, stands_rev = motion.motor_angle_rad[:, motion.axes.index(axis)] / math.tau, stands_rad / math.tau
     own, top_rps = RampLimits.of(bench, axis), float(np.max(np.abs(np.diff(angle_rev)))) / motion.period_s
     limits = replace(
-        own, speed_rps=min(own.speed_rps, top_rps / SPEED_FRACTION), position_rev=min(own.position_rev, float(np.ptp(angle_rev)))
+        own, speed_rps=min(own.speed_rps, top_rps / LIMIT_USED), position_rev=min(own.position_rev, float(np.ptp(angle_rev)))
     )
     needed = BEYOND_RESONANCE * f_al_hz / min(orders)
-    ramp = plan_ramp(limits, limits.suited(f_al_hz), END_OVER_RESONANCE * f_al_hz / min(orders), needed)
+    ramp = plan_ramp(limits, limits.suited(f_al_hz), RINGING * f_al_hz / min(orders), needed)
     if ramp.end_rps < needed:
         raise NotPossibleError(
             f"axis {axis} needs {needed:.2f} rev/s for it; within limits, travel and speed of the motion it reaches "

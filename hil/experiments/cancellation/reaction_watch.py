@@ -16,7 +16,8 @@ import numpy as np
 
 from hil.bench.model import IdentifiedError
 from hil.design.ate.model import Signs
-from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Reaction, Turning, felt_as, gear_reaction
+from hil.design.ate.reaction import REACTS, MotorSide, Reaction, Turning, felt_as, gear_reaction
+from hil.design.estimation import PROBABILITY
 from hil.design.frequency import Loop
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
@@ -48,7 +49,7 @@ class ReactionWatch:
         if known is None:
             return cls(axis, side)
         error = known.standard_error.get("gear_reaction")
-        before = REACTS if error is None else min(max(known.gear_reaction, UNLIKELY), 1.0 - UNLIKELY)
+        before = REACTS if error is None else min(max(known.gear_reaction, 1.0 - PROBABILITY), PROBABILITY)
         return cls(axis, side, known.gear_reaction, error, before)
 
     @property

@@ -26,9 +26,11 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale, motor_speed_rps
 from hil.control.angles import ARCSEC
 from hil.control.cancellation_table import CancellationTable
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import Loop
 from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike, unshown
 from hil.experiments.peaks import Windows
+from hil.experiments.window import NOISE_PEAK
 from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
 
@@ -40,8 +42,6 @@ JOLT_FACTOR = 1.3
 """What is asked at least, in units of what the motion makes of its own."""
 HALF = 0.5
 """Part of what is above that a cause takes away at least."""
-NOISE_SIGMAS = 2.5
-"""Largest value of noise in a window, in its standard deviations."""
 ABOUT = (0.3, 2.5)
 """Amplitude found over that reckoned within which a cause counts as found.
 
@@ -51,8 +51,6 @@ REACTION_TURN = math.radians(50.0)
 """Largest angle between the reckoned reaction and what is found of it."""
 BINDS = 0.9
 """Speed of the set-points over the axis' limit from which the limit binds them."""
-COHERENT_SIGMAS = 3.0
-"""Standard errors from which an order is left."""
 
 UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"})
 """Causes that are none of the robot's, and are said of the worst window alone."""
@@ -155,7 +153,7 @@ class _Account:
 
     def entry(self) -> CancellationRemainder:
         """Entry of the remainder for the result file."""
-        hidden_mm = NOISE_SIGMAS * self._noise_mm
+        hidden_mm = NOISE_PEAK * self._noise_mm
         causes: list[RemainderCause] = []
         if self._is_seen:
             worst = self._order
@@ -245,7 +243,7 @@ class _Account:
         for part in parts:
             size, look = self._amplitude(looks, part), looks[0].sighting
             variance = look.unit_variance[part] * float(np.mean(look.residual**2))
-            if abs(size) > COHERENT_SIGMAS * math.sqrt(2.0 * variance / len(looks)):
+            if abs(size) > FAR_SIGMAS * math.sqrt(2.0 * variance / len(looks)):
                 total += look.wave(part, size)[: self._count]
         return total
 
@@ -332,7 +330,7 @@ class _Account:
         factor, turn = math.hypot(*found), math.atan2(-found[1], found[0])
         noise = (self._noise_mm / self._seen.windows.to_mm) ** 2 / self._seen.passed
         error = math.sqrt(noise / max(float(np.sum(reckoned[rows] ** 2)), 1e-30))
-        if not ABOUT[0] <= factor <= ABOUT[1] or abs(turn) > most_turn or factor < COHERENT_SIGMAS * error:
+        if not ABOUT[0] <= factor <= ABOUT[1] or abs(turn) > most_turn or factor < FAR_SIGMAS * error:
             return none
         return np.asarray(both @ found)
 

@@ -29,6 +29,7 @@ from hil.experiments.cancellation.remainder import TrialView, remainder
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
 from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.judge import axis_scale, check_shown, vibration_scale
 from hil.experiments.peaks import Windows
 from hil.master.motion import FilterUse, Motion, RunResult
@@ -41,8 +42,6 @@ Rows = NDArray[np.bool_]
 
 PROBE_GAIN = 0.3
 """Fraction that is tried first: a correction three times too large, turned by 180°, adds 0.9 of the vibration and no more."""
-MOST_WHOLE = 4
-"""Most runs with the whole cancellation: where an order cannot be judged above the sensor's noise, the mean of so many may."""
 
 
 def averaged(recordings: Sequence[Recording]) -> Recording:
@@ -97,10 +96,10 @@ class _Protocol:
         check_shown("a trial of the cancellation", self._motion.period_s, self._scale)
         alone = sorted({part.axis for part in self._parts})
         alone = alone if len(alone) > 1 else []
-        least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_WHOLE
+        least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_RUNS
         self._reporter.step(
             f"trial of the cancellation: untreated; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}; "
-            f"2 to {2 * MOST_WHOLE} slow ramps more for each axis with an order that the motion hides"
+            f"2 to {2 * MOST_RUNS} slow ramps more for each axis with an order that the motion hides"
         )
         self._add("untreated", 0.0)
         percent = f"{100.0 * PROBE_GAIN:g} % of the cancellation"
@@ -109,7 +108,7 @@ class _Protocol:
             self._add(what, PROBE_GAIN, only)
         self._refine(2 + len(alone))
         verdicts = self._verdicts()
-        for number in range(1, MOST_WHOLE + 1):
+        for number in range(1, MOST_RUNS + 1):
             wrong = _wrong(verdicts)
             if len(wrong) == len(self._parts):
                 break
@@ -146,7 +145,7 @@ class _Protocol:
             seen: dict[float, list[Seen]] = {order: [] for order in orders}
             try:
                 ramp = ramp_through(self._bench, axis.number, orders, scale.f_al_hz, self._motion, stands_rad)
-                for number in range(1, MOST_WHOLE + 1):
+                for number in range(1, MOST_RUNS + 1):
                     for gain, what in ((0.0, "untreated"), (1.0, "with the whole cancellation")):
                         once_more = "" if number == 1 else ", once more, for the mean"
                         self._reporter.step(
@@ -169,7 +168,7 @@ class _Protocol:
         """Refusals of all parts if the tip's largest peak rises."""
         used = [part for part, verdict in verdicts.items() if verdict.verdict == "accepted"]
         change = None
-        while used and (change is None or change.rises.is_open) and len(self._alike(used)) < MOST_WHOLE:
+        while used and (change is None or change.rises.is_open) and len(self._alike(used)) < MOST_RUNS:
             if change is not None and len(self._alike(())) <= len(self._alike(used)):
                 self._reporter.step("trial of the cancellation: untreated, once more, for the tip's peak")
                 self._add("untreated, once more", 0.0)
@@ -223,7 +222,7 @@ def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:
 
 def _open(verdicts: Mapping[Part, PartVerdict], wholes: int) -> bool:
     """True if more runs with the whole could judge a part."""
-    return any(verdict.could_be_judged(MOST_WHOLE / wholes) for verdict in verdicts.values())
+    return any(verdict.could_be_judged(MOST_RUNS / wholes) for verdict in verdicts.values())
 
 
 def verify(

@@ -17,8 +17,9 @@ from typing import Literal
 
 import numpy as np
 
+from hil.design.estimation import SIGMAS
 from hil.experiments.cancellation.effect import Part, Sighting
-from hil.experiments.decision import SIGMAS, Decision
+from hil.experiments.decision import Decision
 from hil.results.runs import TrialPart
 
 Verdict = Literal["accepted", "refused", "not judged"]

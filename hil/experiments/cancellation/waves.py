@@ -16,6 +16,7 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified, identified_axis, with_identified
 from hil.bench.tip import vertical_levers_m
 from hil.design.ate.model import Arm
+from hil.design.estimation import DIFFERENCE_STEP
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.effect import AxisWaves, Part, Response
@@ -32,10 +33,8 @@ REACH = (0.45, 1.2)
 differences of its orders with others are inside."""
 SLOWEST = 0.05
 """Motor speed below which nothing is read, in rev/s, as a fraction of f_al in Hz: there the start's jerk is all that rings."""
-LEAST_S = 0.1
-"""Least time that a motion must show."""
-LEVER_STEP_RAD = 1e-5
-"""Step of a central difference: ∂z/∂q is exact to 1e-10 with it."""
+LEAST_REACH_S = 0.1
+"""Least time for which k f_m must lie in the band of the vibration: about the period of what swings there."""
 
 
 def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:
@@ -101,8 +100,8 @@ def _levers(bench: Bench, motion: Motion, angle_rad: Real) -> list[Real]:
     joints, levers = bench.line_motion.line(chain).joints(np.zeros(1))[0] + turned_rad, []
     for column in range(len(motion.axes)):
         step = np.zeros(len(motion.axes))
-        step[column] = LEVER_STEP_RAD
-        levers.append((chain.tip(joints + step)[:, 1] - chain.tip(joints - step)[:, 1]) / (2.0 * LEVER_STEP_RAD))
+        step[column] = DIFFERENCE_STEP
+        levers.append((chain.tip(joints + step)[:, 1] - chain.tip(joints - step)[:, 1]) / (2.0 * DIFFERENCE_STEP))
     return levers
 
 
@@ -144,9 +143,9 @@ def _of_line(bench: Bench, recording: Recording, of_axis: Rows) -> Rows:
         begin, end = (bench.line_motion.dwell_s + each for each in line_window_s(bench.line_motion.duration_s))
         return np.asarray((recording.time_s >= begin) & (recording.time_s <= end))
     excited_s = np.count_nonzero(of_axis) * recording.period_s
-    if excited_s < LEAST_S:
+    if excited_s < LEAST_REACH_S:
         raise NotPossibleError(
-            f"the motion excites the arm for {excited_s:.2g} s; at least {LEAST_S:g} s are needed to judge a cancellation"
+            f"the motion excites the arm for {excited_s:.2g} s; at least {LEAST_REACH_S:g} s are needed to judge a cancellation"
         )
     return of_axis
 

@@ -7,11 +7,9 @@ import math
 from dataclasses import replace
 
 from hil.control.angles import ARCSEC
-from hil.design.estimation import EstimatedParameter
+from hil.design.estimation import SURE_SIGMAS, EstimatedParameter
 from hil.design.plant_identification import PlantEstimate
 
-DIFFERENT_SIGMAS = 4.0
-"""Standard errors from which two runs differ."""
 LEAST = {"antiresonance_hz": 0.003, "damping": 0.15}
 """Least relative difference between two runs that is worth a word."""
 PRIOR_LOSS = 0.2
@@ -108,7 +106,7 @@ def _differs(main: PlantEstimate, pilot: PlantEstimate, name: str) -> bool:
     one, other = main.parameters[name], pilot.parameters[name]
     apart = abs(one.value - other.value)
     error = (one.standard_error**2 + other.standard_error**2) ** 0.5
-    return apart > DIFFERENT_SIGMAS * error and apart > LEAST[name] * abs(one.value)
+    return apart > SURE_SIGMAS * error and apart > LEAST[name] * abs(one.value)
 
 
 def _words(main: PlantEstimate, pilot: PlantEstimate) -> str:

@@ -3,22 +3,22 @@
 import math
 from collections.abc import Sequence
 
-from hil.design.frequency import CONTROL_PERIOD_S, TwoInertia
+from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, RESONANCE_BAND, TwoInertia
+from hil.design.ringing import RINGING
 from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
 """Band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
-PER_SYNC = 0.4
-"""Highest frequency times the SYNC period: a held torque loses a quarter of it there, and its first image is half as large."""
-BELOW_F_A, ABOVE_F_R, ABOVE_F_A = 0.4, 1.8, 2.5
-"""Ends of the main run's band: low ones over f_a, high ones over f_r and f_a."""
+ABOVE_F_R = 1.8
+"""Least upper end of the main run's band over f_r; those over f_a are `RESONANCE_BAND`."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
+"""Least ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
 LARGEST_LOW_HZ = 3.0
+"""Most that the lower end is: from there down the inertia of the whole axis shows, whatever the arm."""
 BIAS_RPS = 2.0
-AWAY = 1.3
-"""Factor between the frequency of an order and f_a that is far enough."""
+"""Usual bias speed: beyond the Stribeck range of most gears (`STRIBECK_RAD_S`), and a turn shows every order in half a second."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Bias speeds that are tried, as factors of the usual one."""
 FASTS = (1.0, 0.85, 0.7)
@@ -37,7 +37,7 @@ def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
 
 def highest_hz(sync_s: float) -> float:
     """Highest frequency that set-points of a SYNC period carry."""
-    return PER_SYNC / sync_s
+    return OF_SAMPLING / sync_s
 
 
 def pilot_band(request: PlantRequest, sync_s: float) -> Band:
@@ -59,8 +59,8 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
         is_wide: True on an arm: up to where the pilot looked, since other modes may ring anywhere.
     """
     f_a, f_r = plant.antiresonance_hz, plant.resonance_hz
-    low = min(LARGEST_LOW_HZ, max(LEAST_HZ, BELOW_F_A * f_a))
-    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, ABOVE_F_A * f_a, PILOT_HZ[1] if is_wide else 0.0)
+    low = min(LARGEST_LOW_HZ, max(LEAST_HZ, RESONANCE_BAND[0] * f_a))
+    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, RESONANCE_BAND[1] * f_a, PILOT_HZ[1] if is_wide else 0.0)
     high = min(highest_hz(sync_s), high)
     return _band(request, low, high, quiet_speed(f_a, 0.5 * speed_limit_rps))
 
@@ -91,7 +91,7 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
 def _quiet(f_a: float, speeds: Sequence[float]) -> float:
     """First of some speeds at which no order falls on f_a."""
     away = [min(math.exp(abs(math.log(order * speed / f_a))) for order in ORDERS) for speed in speeds]
-    first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= AWAY), None)
+    first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= RINGING), None)
     return speeds[away.index(max(away))] if first is None else first
 
 

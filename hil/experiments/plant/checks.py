@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.design.estimation import SURE_SIGMAS
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
+from hil.design.plant_problem import OUTSIDE
 from hil.errors import HilError, RefusalCause
+from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.pilot import told_lever_ratio
 from hil.master.motion import Real
@@ -18,8 +21,6 @@ SATURATED_FRACTION = 1e-3
 """Fraction of the rows that may be at the torque limit."""
 REVERSED_FRACTION = 5e-3
 """Fraction of the rows in which the motor may turn against its bias."""
-SENSOR_MISSED_FRACTION = 5e-3
-"""Fraction of the rows that may lack the accelerometer."""
 AT_RANGE_ROWS = 4
 """Rows in which the accelerometer may show its very largest value; noise leaves that to one or two."""
 TIP_COHERENCE = 0.5
@@ -28,10 +29,6 @@ LEVER_RATIO = 2.0
 """Factor by which the lever seen may differ from the bench file's before it is another axis' or another sensor."""
 ANTIRESONANCE_PCT, STIFFNESS_PCT = 1.0, 5.0
 """Largest standard errors with which a plant is accepted, %."""
-BEYOND_BAND = 1.1
-"""Largest f_r over the highest frequency of the excitation: further out nothing shows it."""
-MISFIT = 4.0
-"""Residual in standard deviations above which the two-inertia model does not explain the data."""
 
 
 class PlantNotIdentifiedError(HilError):
@@ -128,8 +125,8 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         rows: Number of all cycles.
         sensor: Name of the tip's sensor.
     """
-    if missed > SENSOR_MISSED_FRACTION * rows:
-        most = math.floor(SENSOR_MISSED_FRACTION * rows)
+    if missed > MAX_MISSED * rows:
+        most = math.floor(MAX_MISSED * rows)
         return f"the {sensor} was missing in {missed} of {rows} cycles; at most {most} are allowed"
     largest = float(np.max(np.abs(tip_m_s2)))
     if largest == 0.0 or float(np.ptp(tip_m_s2)) == 0.0:
@@ -180,11 +177,11 @@ def modes_words(estimate: PlantEstimate) -> str | None:
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
     """Describe a model that does not explain the data, or None."""
-    if estimate.misfit <= MISFIT:
+    if estimate.misfit <= SURE_SIGMAS:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
-        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} "
+        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {SURE_SIGMAS:g} "
         "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are multiplied by it"
     )
 
@@ -205,7 +202,7 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     f_r = estimate.parameters["resonance_hz"].value
     wider = "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
     over, reach = f_r / high, f"f_r ({f_r:.3g} Hz) relative to the end of the band ({high:.3g} Hz)"
-    checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider, ("cycle",))]
+    checks = [] if over <= OUTSIDE else [DataCheck(reach, over, OUTSIDE, "", False, wider, ("cycle",))]
     for name, parameter, allowed in (
         ("standard error of f_a from noise alone", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
         ("standard error of K_g from noise alone", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),

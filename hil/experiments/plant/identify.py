@@ -15,6 +15,7 @@ from hil.design.plant_problem import SamplingTiming
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 from hil.errors import RefusalCause
 from hil.experiments.bus_demand import takes_torque_offset
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.plant.amplitude import with_amplitude_dependence
 from hil.experiments.plant.bands import fast_speed, highest_hz, loop_period_s, main_band, pilot_band
 from hil.experiments.plant.checks import (
@@ -63,8 +64,6 @@ PILOTS = 3
 """Pilot runs that are made at most: each is stronger, until the resonances are roughly known."""
 PILOT_RISE = 5.0
 """Largest ratio of the amplitudes of two pilots."""
-MAIN_RUNS = 4
-"""Main runs that are made at most: one more while the standard errors are too large."""
 MOVED, CALM = 0.1, 0.3
 """Beyond this relative change of bias speed the gear no longer resonates; this fraction of its vibration is then assumed."""
 CALMER = 0.6
@@ -331,7 +330,7 @@ class PlantIdentification:
         """
         runs: list[tuple[PlannedMotion, Recording]] = []
         calmed = False
-        for number in range(1, MAIN_RUNS + 1):
+        for number in range(1, MOST_RUNS + 1):
             self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rev/s")
             planned = self._excited(self.travel, amplitude)
             result = self._run("main" if number == 1 else f"main-{number}", planned)

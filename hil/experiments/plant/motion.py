@@ -19,20 +19,19 @@ from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Complex
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, takes_torque_offset
+from hil.experiments.motions import MARGIN_REV
 from hil.master.motion import Motion, Real
 from hil.master.whereabouts import move_command
 
 RAMP_S = 0.5
 """Duration of a change of speed; the turns between stretches are not evaluated."""
-MARGIN_REV = 0.5
-"""Distance of the planned travel from the position limits, for the excitation on top of it."""
 SETTLE_S = 0.4
 """Time from the start of a slow stretch to its evaluated part."""
 PERIODS_S = (2.0, 1.0)
 """Periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
 PER_STRETCH = (9, 8, 7, 6, 5, 3)
 """Periods in a row that average the transmission error to nothing (not 4: it divides the order)."""
-PILOT_PERIODS = 3
+PILOT_PERIODS = min(PER_STRETCH)
 """Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
 """Periods in all below which the scatter between them is not a measure of confidence."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.cancellation_table import LIMIT_USED
 from hil.control.cascade import Cascade
 from hil.design.frequency import Complex, Loop
 from hil.design.plant_identification import PlantEstimate
@@ -17,17 +18,12 @@ PILOT_FRACTION = 0.05
 """Amplitude of the pilot run as a fraction of the torque limit."""
 LARGEST_RISE = 10.0
 """Largest ratio of the main run's amplitude to the pilot's."""
-EXCITED_TORQUE_FRACTION = 0.6
-"""Fraction of the torque limit that the whole torque may reach."""
+EXCITED_FRACTION = 0.6
+"""Fraction of the torque limit, and of the accelerometer's range, that the whole of either may reach."""
 EXCITED_SPEED_FRACTION = 0.75
 """Fraction of the bias speed that excitation and transmission error may take from it."""
-SET_POINT_FRACTION = 0.95
-"""Fraction of the speed limit that set-points with an excitation may reach: rounding to counts adds 0.12 rev/s to each step of a
-2 ms SYNC at 4096 counts per revolution."""
 SET_POINTS = "speed of the set-points"
 """Name of that limit, beside those of `Room`."""
-TIP_FRACTION = 0.6
-"""Fraction of the accelerometer's range that the whole acceleration may reach."""
 ROUGH_ANTIRESONANCE, ROUGH_STIFFNESS = 0.05, 0.5
 """Relative standard errors of f_a and K_g with which a pilot is good enough to plan the main run."""
 RIGID = 0.2
@@ -150,7 +146,7 @@ def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: f
     wave = travel.wave
     steps = np.diff(np.concatenate([[0.0], wave.wave, wave.wave[:1]]))
     fastest_rps = float(np.max(np.abs(steps))) / wave.sample_s / math.tau
-    return max(0.0, SET_POINT_FRACTION * speed_limit_rps - travel.bias_rps) / fastest_rps
+    return max(0.0, LIMIT_USED * speed_limit_rps - travel.bias_rps) / fastest_rps
 
 
 @dataclass(frozen=True)
@@ -177,9 +173,9 @@ class Room:
         `per_nm` has the peaks per N·m; the amplitude is 0 if no room is left.
         """
         allowed = {
-            "torque": EXCITED_TORQUE_FRACTION * self.torque_limit_nm - abs(self.steady_nm) - self.rest.torque_nm,
+            "torque": EXCITED_FRACTION * self.torque_limit_nm - abs(self.steady_nm) - self.rest.torque_nm,
             "speed": EXCITED_SPEED_FRACTION * self.bias_rps - self.rest.speed_rps,
-            "tip": TIP_FRACTION * self.range_m_s2 - self.rest.tip_m_s2,
+            "tip": EXCITED_FRACTION * self.range_m_s2 - self.rest.tip_m_s2,
         }
         limits = {name: max(0.0, each) / max(1e-12, per_nm.of(name)) for name, each in allowed.items()}
         least = min(limits, key=lambda name: limits[name])

@@ -8,15 +8,15 @@ import numpy as np
 
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
-from hil.design.estimation import inverse
-from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest, planned
+from hil.design.estimation import SURE_SIGMAS, inverse
+from hil.experiments.plant.motion import SLOW_RPS, MotionBuilder, PlannedMotion, PlantRequest, planned
 from hil.master.motion import Real
 from hil.recording import Recording
 
-PROBE_RPS, PROBE_S = 0.4, 0.4
-"""Speed of the probe, and duration of the part at constant speed in either direction; its ramps take another fifth of a turn."""
-SIGN_SIGMAS = 4.0
-"""Standard errors from which a torque counts as seen."""
+PROBE_RPS = SLOW_RPS[0]
+"""Speed of the probe: that of the slowest turn."""
+PROBE_S = 0.4
+"""Duration of its part at constant speed in either direction; its ramps take another fifth of a turn."""
 CORRELATED_ROWS = 10.0
 """Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
 WOUND_FRACTION = 0.7
@@ -86,7 +86,7 @@ def probe_trouble(
             f"up to {largest:.3g} N·m; check that the brake is open, the arm free, and the encoder the axis' own",
         )
     friction, slope = slow_torque(angle, torque, motion)
-    if friction[0] < -SIGN_SIGMAS * friction[1]:
+    if friction[0] < -SURE_SIGMAS * friction[1]:
         return ProbeTrouble(
             "torque",
             f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m, but friction requires a torque "
@@ -96,7 +96,7 @@ def probe_trouble(
     load_nm = reduction_ratio * abs(float(np.mean(np.concatenate([torque[each] for each in motion.stretches]))))
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio + ERROR_BEND * load_nm
     wound_nm = slope[0] * float(np.ptp(angle))
-    if slope[0] - SIGN_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
+    if slope[0] - SURE_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
         return ProbeTrouble(
             "arm",
             f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity explains at most "

@@ -8,8 +8,8 @@ import pytest
 
 from hil.analysis import tip_scale
 from hil.bench.bench import load_bench
-from hil.experiments.decision import RISK
-from hil.experiments.filter_trial import MOST_RUNS, try_filters
+from hil.experiments.decision import MOST_RUNS, RISK
+from hil.experiments.filter_trial import try_filters
 from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.results.runs import FilterTrial

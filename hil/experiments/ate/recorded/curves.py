@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hil.control.angles import ARCSEC
+from hil.design.order_map import TURNS
 from hil.design.recorded.fit import AngleSection, SectionFit
 from hil.design.recorded.order_columns import SCAN_FROM, SCAN_TO
 from hil.design.recorded.scan import BlindScan, amplitudes_over_order
@@ -17,8 +18,6 @@ from hil.design.recorded.slow import degrees_for
 from hil.recording import save_columns
 
 SCAN, MAP, FIT = "scan.csv", "map.csv", "fit.csv"
-MAP_TURNS = 2.5
-"""Revolutions of a window of the map."""
 MAP_STEP = 0.05
 """Step of its orders."""
 MOST_WINDOWS = 120
@@ -74,18 +73,18 @@ def _write_map(path: Path, sections: Sequence[AngleSection], speeds_rps: Sequenc
     for section, rows, speed in windows[::step]:
         angle = section.angle_rad[rows]
         part = AngleSection(angle, section.signal[rows], section.waves)
-        amplitude = amplitudes_over_order(part, max(degrees_for(MAP_TURNS, 1.0)), orders) / scale
+        amplitude = amplitudes_over_order(part, max(degrees_for(TURNS, 1.0)), orders) / scale
         rows_of.append(np.column_stack([np.full(len(orders), speed), orders, amplitude]))
     table = np.vstack(rows_of) if rows_of else np.empty((0, 3))
     save_columns(path, {"speed_rps": table[:, 0], "order": table[:, 1], "amplitude": table[:, 2]})
 
 
 def _windows(section: AngleSection) -> list[slice]:
-    """Windows of `MAP_TURNS` revolutions, each half a window behind the one before."""
+    """Windows of `TURNS` revolutions, each half a window behind the one before."""
     turned = np.abs(section.angle_rad - section.angle_rad[0]) / (2.0 * math.pi)
     found = []
-    for start in np.arange(0.0, max(float(turned[-1]) - MAP_TURNS, 0.0) + 1e-9, MAP_TURNS / 2.0):
-        rows = slice(int(np.searchsorted(turned, start)), int(np.searchsorted(turned, start + MAP_TURNS)))
+    for start in np.arange(0.0, max(float(turned[-1]) - TURNS, 0.0) + 1e-9, TURNS / 2.0):
+        rows = slice(int(np.searchsorted(turned, start)), int(np.searchsorted(turned, start + TURNS)))
         if rows.stop - rows.start >= 40:
             found.append(rows)
     return found

@@ -11,10 +11,8 @@ from hil.recordings.layout import Said
 from hil.recordings.reading import Recorded
 from hil.robot_tables import ORDERS
 
-MOST_FILES = 64
-"""Bound of a request."""
 MOST_STRETCHES = 64
-"""Stretches that are fitted of all files together, the longest first."""
+"""Stretches that are fitted of all files together, the longest first; and files, since each has one at least."""
 MOST_SAMPLES = 20_000
 """Samples of a stretch: of more the neighbours are averaged."""
 
@@ -53,8 +51,8 @@ class RecordedRequest:
         """Refuse an impossible request."""
         if not self.files:
             raise ValueError("no recording is named; at least 1 is needed")
-        if len(self.files) > MOST_FILES:
-            raise ValueError(f"{len(self.files)} recordings are too many; at most {MOST_FILES} are allowed")
+        if len(self.files) > MOST_STRETCHES:
+            raise ValueError(f"{len(self.files)} recordings are too many; at most {MOST_STRETCHES} are allowed")
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,14 @@ from hil.design.recorded.clock import SampledInstants, clock_of
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.stretches import MotionStretch
 from hil.design.recorded.through_arm import ArmPrior, RefinedArm, ThroughArm, arm_section, refined_arm
+from hil.design.uncertainty import LEAST_SPREAD
 from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError, RecordedRequest
 from hil.experiments.ate.request import axis_knowledge, sensing_of
 from hil.recordings.reading import Recorded
 from hil.results.recorded_ate import Form
 
-RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S = 0.03, 0.3, 0.002
-"""Standard errors of values that state none: resonance and damping as fractions, and the delay of a sensor."""
+DAMPING_FRACTION, DELAY_ERROR_S = 0.3, 0.002
+"""Standard errors of a damping, as a fraction, and of a sensor's delay that state none; a resonance has `LEAST_SPREAD`."""
 LEAST_RESONANCE_FRACTION, LEAST_DAMPING_FRACTION = 0.002, 0.03
 """Least standard errors of an identified plant: load and temperature differ from day to day."""
 STEADY_S = 0.5
@@ -125,4 +126,4 @@ def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | 
         )
     arm = Arm.of(plant)
     arm = replace(arm, damping=max(arm.damping, 1e-4))
-    return ArmPrior(arm, RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
+    return ArmPrior(arm, LEAST_SPREAD, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"

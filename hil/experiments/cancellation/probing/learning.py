@@ -18,14 +18,17 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
+from hil.design.estimation import FAR_SIGMAS
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
+from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import LEAST_REACH_S, GearReaction, PartOutcome, peak_and_rms, told_part
+from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms, told_part
 from hil.experiments.cancellation.probing.pace import KnownSettings, at_pace, learn_at_pace
 from hil.experiments.cancellation.probing.reaction import shown_reactions
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper
 from hil.experiments.cancellation.probing.runs import Runs
+from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.judge import axis_scale, line_scale, missing_words
 from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import Motion
@@ -49,14 +52,10 @@ FIRST_RUNS = 2
 """Most runs with what follows from the first round."""
 APPLIED_RUNS, CONVERGED_FRACTION = 4, 0.9
 """Most runs with what follows, each leading on from the last; fraction of the last one's vibration above which none follows."""
-PROBED_SIGMAS = 2.0
-"""Standard errors from which an order is told from nothing by itself."""
 WEAKEST_SIGMAS = 1.0
-"""The same of those that are kept because the tip is quieter with them."""
+"""Standard errors from which an order may be kept because the tip is quieter with it."""
 OWN_PACE_WORSE = 1.2
 """Vibration at the line's own pace, over that before, up to which what another pace has shown is taken."""
-BETTER_SIGMAS = 3.0
-"""Standard errors of the noise by which the tip must be quieter with what is learnt."""
 
 
 class MotionNotLearntError(HilError):
@@ -267,7 +266,7 @@ def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: 
     return np.asarray(wanted)
 
 
-def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> Real:
+def _told(learning: MotionLearning, led: _Led, least: float = CORNER_SIGMAS) -> Real:
     """Set insignificant orders to 0, and enter all outcomes.
 
     `least` are the standard errors from which an order is significant.
@@ -320,7 +319,7 @@ def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
     """
     (peak, rms), (peak_with, rms_with) = learning.base_mm, peak_and_rms(run.moved_mm)
     noise = learning.noise_mm
-    if peak_with >= peak or rms**2 - rms_with**2 <= BETTER_SIGMAS * noise.power_error(rms):
+    if peak_with >= peak or rms**2 - rms_with**2 <= FAR_SIGMAS * noise.power_error(rms):
         raise MotionNotLearntError(
             f"the learnt cancellation does not help, so nothing is kept; without and with it: peak {peak:.4f} and "
             f"{peak_with:.4f} mm, root mean square {rms:.4f} and {rms_with:.4f} mm; noise {noise.rms:.4f} mm"

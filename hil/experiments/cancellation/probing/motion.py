@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, identified_axis
+from hil.design.frequency import LIKELY_DAMPING
 from hil.design.probing import Effects, ProbedStep
 from hil.experiments.cancellation.effect import Part, sight
 from hil.experiments.cancellation.waves import ProbedRows, response_of, waves_of
@@ -23,14 +24,10 @@ from hil.robot_tables import TransmissionErrorTable
 Real = NDArray[np.float64]
 Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
 
-LEAST_REACH_S = 0.1
-"""Least time for which k f_m must lie in the band of the vibration: about the period of what swings there."""
 CHANGES_HZ = 3.0
 """Frequency up to which amplitude and phase of what an order does to the tip change: as the motor passes a resonance."""
 LEAST_KEPT = 0.5
 """Fraction of the rest of an effect that must be no noise, so that it is kept."""
-DAMPING = 0.03
-"""Damping of the one resonance by which a trial reads the orders; the trial refines it on its own runs."""
 LEAST_PART_SEEN = 0.9
 """Fraction of an order that is seen from which it is said to be."""
 GRID, SWEEPS = 24, 2
@@ -118,7 +115,7 @@ def with_values(
         error = IdentifiedError(
             values=table_of_values(own),
             arm_hz=arm_hz,
-            damping=DAMPING,
+            damping=LIKELY_DAMPING,
             accelerometer_delay_s=0.0 if before is None else before.accelerometer_delay_s,
             set_point_delay_s=0.0 if before is None else before.set_point_delay_s,
             gear_reaction=reaction.part,

@@ -18,9 +18,10 @@ from hil.bench.bench import Bench
 from hil.design.probing import ProbedStep, step_to_nothing
 from hil.errors import UnsafeRequestError
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import LEAST_REACH_S, values_by_part
+from hil.experiments.cancellation.probing.motion import values_by_part
 from hil.experiments.cancellation.probing.record import MotionLearning
 from hil.experiments.cancellation.probing.runs import Runs, paced
+from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.motions import line_motion
 from hil.master.motion import Motion
 

@@ -26,6 +26,7 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
 from hil.design.ate.reaction import felt_as
+from hil.design.estimation import SURE_SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.probing import Effects, autocovariance, effects_of
 from hil.experiments.cancellation.cancellation import treated_model
@@ -40,8 +41,8 @@ Complex = NDArray[np.complex128]
 
 LOAD_HZ = 1.5
 """Frequency up to which a gear's load is that of gravity and of the motion."""
-REACTS_SIGMAS, REACTS_POWER, REACTS_LOAD = 4.0, 0.4, 0.3
-"""Standard errors from which a reaction counts as seen; fraction of the load's power in the band that it explains; least load."""
+REACTS_POWER, REACTS_LOAD = 0.4, 0.3
+"""Fraction of the load's power in the band that a reaction explains from which it counts as seen, and the least load for that."""
 LEAST_FRICTION = -0.3
 """Least friction that a seen reaction may leave, over the slow torque: friction opposes the motion."""
 
@@ -67,7 +68,7 @@ class ShownReaction(NamedTuple):
     @property
     def is_seen(self) -> bool:
         """True if the gear reacts on its motor for certain."""
-        is_there = abs(self.load) >= max(REACTS_SIGMAS * self.standard_error, REACTS_LOAD) and self.power >= REACTS_POWER
+        is_there = abs(self.load) >= max(SURE_SIGMAS * self.standard_error, REACTS_LOAD) and self.power >= REACTS_POWER
         return is_there and self.friction_nm >= LEAST_FRICTION * abs(self.turned_nm)
 
     @property

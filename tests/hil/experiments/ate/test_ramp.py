@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from drive_profiles.errors import FileError
 from drive_profiles.files.toml import loads
 from hil.bench.bench import REFERENCE, Bench, load_bench
+from hil.design.ringing import BEYOND_RESONANCE
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.ate.ramp import BEYOND_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
+from hil.experiments.ate.ramp import Ramp, RampLimits, plan_ramp, resonance_ramp
 
 BENCH, ARM = load_bench("reference"), load_bench("reference-arm")
 LIMITS = RampLimits.of(BENCH, 2)

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from hil.bench.bench import load_bench
+from hil.control.cancellation_table import LIMIT_USED
 from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter
 from hil.design.plant_identification import PlantEstimate
 from hil.errors import UnsafeRequestError
 from hil.experiments.plant.bands import pilot_band
 from hil.experiments.plant.motion import PlantRequest, excited_motion, plan_travel
-from hil.experiments.plant.pilot import SET_POINT_FRACTION, predicted_peaks, set_point_room_nm
+from hil.experiments.plant.pilot import predicted_peaks, set_point_room_nm
 from hil.master.drive.axis import DriveAxis
 from hil.master.request import check_motion
 
@@ -30,7 +31,7 @@ def test_set_points_of_the_largest_excited_reference_keep_the_speed_limit(sync_s
     motion = excited_motion(bench, REQUEST, travel, 0.0, "reference", largest_nm).motion
     check_motion(motion, axes, [0.0])
     fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, 0])))) / sync_s / math.tau
-    assert 0.8 * limit < fastest <= SET_POINT_FRACTION * limit * (1.0 + 1e-6)
+    assert 0.8 * limit < fastest <= LIMIT_USED * limit * (1.0 + 1e-6)
     faster = excited_motion(bench, REQUEST, travel, 0.0, "reference", 1.3 * largest_nm).motion
     with pytest.raises(UnsafeRequestError, match="the speed of axis 2"):
         check_motion(faster, axes, [0.0])
