@@ -261,7 +261,7 @@ def _search(
     if start is not None and start.others:  # with the other modes as they are known only this one's neighbourhood is left
         low, high = 0.9 * start.resonance_hz, min(1.1 * start.resonance_hz, top)
     others = () if start is None else start.others
-    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in DAMPINGS]
+    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in DAMPINGS[1:-1]]
     if start is not None:
         arms.append(start)
     # the motor's own motion is as late as all else: at 30 Hz a delay that is left out looks like another resonance
