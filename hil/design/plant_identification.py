@@ -151,7 +151,7 @@ def fit_plant(
     problem = PlantProblem(data, timing, reduction_ratio, lever_m, gravity_nm_rad)
     starts = problem.first_guesses()
     if near is not None:
-        starts = [problem.start(near.unknowns[: VISCOUS + 1]), *starts[:2]]
+        starts = [problem.resumed(near.unknowns), *starts[:2]]
     descents = Descents(problem)
     fits = descents.of(starts)
     inside = [fit for fit in fits if problem.is_inside(fit.x)]

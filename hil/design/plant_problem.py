@@ -453,6 +453,11 @@ class PlantProblem:
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]])
 
+    def resumed(self, unknowns: Real) -> Real:
+        """Start where another run's fit ended; the accelerometer's part of that counts if both runs have one."""
+        fresh = self.start(unknowns[: VISCOUS + 1])
+        return unknowns if len(unknowns) == len(fresh) else fresh
+
     def is_inside(self, x: Real) -> bool:
         """True if both resonances are in the band, or little above it.
 

@@ -271,13 +271,13 @@ class PlantIdentification:
             return "a wider band (--low-hz, --high-hz), or the arm without a brace, may show it"
         return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz; a shorter one carries more"
 
-    def _with_right_tip(self, estimate: PlantEstimate, data: Spectra) -> PlantEstimate:
+    def _with_right_tip(self, estimate: PlantEstimate, data: Spectra, spring_nm_rad: float = 0.0) -> PlantEstimate:
         """Fit again without the accelerometer if its signal is wrong."""
-        trouble = tip_trouble(estimate, self.table.tip_lever_m)
+        trouble = tip_trouble(estimate, self.table.tip_lever_m) if self._uses_tip else None
         if trouble is None:
             return estimate
         self._leave_out_tip(trouble)
-        return self._with_modes(replace(data, tip=None), 0.0, estimate)
+        return self._with_modes(replace(data, tip=None), spring_nm_rad, estimate)
 
     def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
         """Fit the plant, for an arm with several modes.
@@ -343,17 +343,13 @@ class PlantIdentification:
             runs.append((planned, result.recording))
             self._tip(result.recording, result)
             try:
-                data = self._spectra(self.travel, runs)
-                estimate = self._with_modes(data, self._gravity_spring(planned, result.recording, friction), near)
+                data, spring = self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction)
+                estimate = self._with_right_tip(self._with_modes(data, spring, near), data, spring)
             except UnidentifiableError as error:
                 raise self._refused(str(error)) from error
             checks = estimate_checks(estimate, amplitude, self.request, self._limited_by)
             if all(check.holds for check in checks):
                 break
-        if self._uses_tip:
-            trouble = tip_trouble(estimate, self.table.tip_lever_m)
-            if trouble is not None:
-                self._leave_out_tip(trouble)
         if any(not check.holds for check in checks):
             _, words = self._compared(estimate, near)
             self._require(checks, *([] if words is None else [words]))
