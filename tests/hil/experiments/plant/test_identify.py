@@ -15,6 +15,7 @@ from hil.experiments.plant.evaluation import PlantEvaluation
 from hil.experiments.plant.identify import PlantIdentification
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import enter
+from hil.master.motion import Motion, RunResult
 from hil.results.plant import PlantRequestEntry, PlantResult
 from tests.hil.experiments.plant.plant_rig import FakeSession, true_values, unknown_bench
 from tests.hil.results.made import measured_bench
@@ -96,6 +97,25 @@ def test_a_tip_that_is_not_this_axis_is_said_and_left_out(gain: float, words: st
     _, evaluated = identify(brief(), tip_gain=gain)
     assert evaluated.estimate.tip is None
     assert any(re.search(words, remark) for remark in evaluated.remarks)
+    assert evaluated.estimate.plant.antiresonance_hz == pytest.approx(true_values(3)["antiresonance_hz"], rel=0.01)
+
+
+class Loosened(FakeSession):
+    """A sensor that comes loose once probe, pilot and slow turns are made."""
+
+    def run(self, motion: Motion, compensation: str, loop: str) -> RunResult:
+        if len(self.motions) == 3:
+            self._tip_gain = 3.0
+        return super().run(motion, compensation, loop)
+
+
+@pytest.mark.slow
+def test_a_tip_that_goes_wrong_after_the_pilot_is_left_out_of_what_is_fitted() -> None:
+    session = Loosened(unknown_bench(3, **SHORT), 3)
+    evaluated = PlantIdentification(session, brief()).perform()  # type: ignore[arg-type]
+    assert any(re.search(r"lever of 1\.\d+ m; .*from the motor alone", remark) for remark in evaluated.remarks)
+    assert evaluated.estimate.tip is None
+    assert "lever_ratio" not in evaluated.estimate.parameters
     assert evaluated.estimate.plant.antiresonance_hz == pytest.approx(true_values(3)["antiresonance_hz"], rel=0.01)
 
 
