@@ -42,7 +42,7 @@ def test_a_resonance_under_a_slow_syncs_images_is_not_taken_for_another(seed, tm
 
 
 def test_a_sensor_that_the_pilot_knows_is_no_other_one_in_the_main_run(tmp_path):
-    """The main run's fit began with a delay of 1 ms and ended on a lever 44,000 times too long: J_m 43 % off, 4 standard errors."""
+    """The main run's fit began with a delay of 1 ms and ended on a lever 44,000 times too long, with J_m 43 % off."""
     axis, steps, identified = begun(6, tmp_path)
     steps.plant()
     assert identified().plant.values.motor_inertia_kg_m2 == pytest.approx(axis.motor_inertia_kg_m2, rel=0.03)
