@@ -40,6 +40,8 @@ from hil.reporter import SILENT, Reporter
 Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
+ON_RAMPS = "with slow ramps, "
+"""Where a part is judged that the motion hides: by the motion and slow ramps together."""
 PROBE_GAIN = 0.3
 """Fraction that is tried first: a correction three times too large, turned by 180°, adds 0.9 of the vibration and no more."""
 
@@ -133,7 +135,7 @@ class _Protocol:
         return Verification(PROBE_GAIN, tuple(self._trials), tuple(verdicts.values()), left)
 
     def _on_ramps(self, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Verdicts of parts that the motion hides, on slow ramps of their axis."""
+        """Verdicts of parts that the motion hides, with slow ramps of their axis."""
         found: dict[Part, PartVerdict] = {}
         for axis in self._axes:
             hidden = [part for part, each in verdicts.items() if part.axis == axis.number and each.verdict == "not judged"]
@@ -142,7 +144,7 @@ class _Protocol:
             orders, scale = [part.order for part in hidden], axis_scale(self._bench, axis.number) or self._scale
             words = f"trial of the cancellation: axis {axis.number}, order {', '.join(f'{each:g}' for each in orders)}"
             stands_rad = self._session.axes[axis.number].position_rad()
-            seen: dict[float, list[Seen]] = {order: [] for order in orders}
+            seen = {part.order: self._seen(part, 0) for part in hidden}
             try:
                 ramp = ramp_through(self._bench, axis.number, orders, scale.f_al_hz, self._motion, stands_rad)
                 for number in range(1, MOST_RUNS + 1):
@@ -155,7 +157,7 @@ class _Protocol:
                         read = seen_by_direction(self._bench, recording, ramp, axis.response, axis.orders, orders, gain, scale)
                         for order, sights in read.items():
                             seen[order] += sights
-                    judged = {part: replace(judge(part, 1.0, seen[part.order]), where="on a slow ramp, ") for part in hidden}
+                    judged = {part: replace(judge(part, 1.0, seen[part.order]), where=ON_RAMPS) for part in hidden}
                     if not _open(judged, number):
                         break
             except (NotPossibleError, UnsafeRequestError) as error:
@@ -212,8 +214,11 @@ class _Protocol:
         return Look(trial.gains, sight(trial.recording, self._axes, rows, self._scale.band_hz))
 
     def _verdicts(self) -> dict[Part, PartVerdict]:
-        seen = {part: [Seen.of(look.sighting, part, look.gains[part]) for look in self._looks] for part in self._parts}
-        return {part: judge(part, PROBE_GAIN, sights) for part, sights in seen.items()}
+        return {part: judge(part, PROBE_GAIN, self._seen(part, 1)) for part in self._parts}
+
+    def _seen(self, part: Part, direction: int) -> list[Seen]:
+        """What all runs of the motion show of a part."""
+        return [Seen.of(look.sighting, part, look.gains[part], direction) for look in self._looks]
 
 
 def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:

@@ -35,7 +35,8 @@ class Seen:
     """One part in one run, in one direction of turning.
 
     Attributes:
-        direction: +1 or −1: an unknown delay turns one against the other, so each is judged beside the other.
+        direction: +1 or −1: an unknown delay turns one against the other, so each is judged beside the other; 0 for a motion
+            that is judged beside ramps.
         gain: Fraction of the part's cancellation that acted.
         amplitude: Complex amplitude in arcsec.
         variance: Variance of either of its components.
@@ -135,6 +136,11 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     """
     pairs = [_solved(part, [each for each in seen if each.direction == way]) for way in sorted({each.direction for each in seen})]
     there, taken, covariance, bias = (np.array(each) for each in zip(*pairs, strict=True))
+    # each direction by its own noise: one in which the part hides says little of it
+    spread = covariance[:, 0, 0] + bias - 2.0 * covariance[:, 0, 1] + covariance[:, 1, 1]
+    weight = np.sqrt(np.min(spread) / spread)
+    there, taken, bias = weight * there, weight * taken, weight**2 * bias
+    covariance *= weight[:, np.newaxis, np.newaxis] ** 2
     size = float(np.linalg.norm(there))
     noise_error = _left(there, taken, covariance, 1.0, MOST_LEFT)[1]
     covariance[:, 0, 0] += bias

@@ -95,7 +95,7 @@ def test_an_order_hidden_in_the_ramps_jolt_is_judged_on_a_slow_ramp() -> None:
     """Order 4 of this robot passes its resonance while the ramp's start still rings."""
     right = choice_with(10282, {})
     assert verdict_on(4.0, right).verdict == "accepted"
-    assert "order 4: on a slow ramp, with 100 % of its cancellation it fell by" in verdict_on(4.0, right).words
+    assert "order 4: with slow ramps, with 100 % of its cancellation it fell by" in verdict_on(4.0, right).words
     assert right.cancellation is not None
     assert 4.0 in {part.order for part in right.cancellation.parts}
 
@@ -132,4 +132,4 @@ def test_a_trial_whose_samples_do_not_show_the_arm_is_refused_in_words() -> None
 
 def test_words_name_the_ramp() -> None:
     seen = PartVerdict(Part(2, 4.0), 1.0, 0.97, 0.02, 0.03, 0.02, 0.0, 1.0, 0.02, 0.0, 1.0, "accepted")
-    assert replace(seen, where="on a slow ramp, ").words.startswith("axis 2, order 4: on a slow ramp, with 100 %")
+    assert replace(seen, where="with slow ramps, ").words.startswith("axis 2, order 4: with slow ramps, with 100 %")
