@@ -136,9 +136,10 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     """
     pairs = [_solved(part, [each for each in seen if each.direction == way]) for way in sorted({each.direction for each in seen})]
     there, taken, covariance, bias = (np.array(each) for each in zip(*pairs, strict=True))
-    # each direction by its own noise: one in which the part hides says little of it
+    # each direction counts by how exactly its own noise shows powers of this size: var |e + n|² = 4 σ² (|e|² + σ²)
     spread = covariance[:, 0, 0] + bias - 2.0 * covariance[:, 0, 1] + covariance[:, 1, 1]
-    weight = np.sqrt(np.min(spread) / spread)
+    inexact = spread * (np.abs(there[np.argmin(spread)]) ** 2 + spread)
+    weight = np.sqrt(np.min(inexact) / inexact)
     there, taken, bias = weight * there, weight * taken, weight**2 * bias
     covariance *= weight[:, np.newaxis, np.newaxis] ** 2
     size = float(np.linalg.norm(there))

@@ -70,6 +70,33 @@ def test_a_boundary_case_is_accepted_as_often_as_the_probability_says(sigma: flo
     assert verdicts.count("refused") / 2000 < 0.035
 
 
+def judged_together(turn_deg: float, sigmas: dict[int, float], seed: int) -> PartVerdict:
+    """The verdict of runs in several directions, each with noise of its own."""
+    generator = np.random.default_rng(seed)
+    taken = THERE * cmath.exp(1j * math.radians(turn_deg))
+    noise = {way: sigma * (generator.standard_normal(4) + 1j * generator.standard_normal(4)) for way, sigma in sigmas.items()}
+    gains = (0.0, 1.0, 0.0, 1.0)
+    seen = [
+        Seen(way, gain, THERE - gain * taken + noise[way][i], sigma**2)
+        for way, sigma in sigmas.items()
+        for i, gain in enumerate(gains)
+    ]
+    return judge(PART, 1.0, seen)
+
+
+def test_a_motion_that_hides_a_part_takes_nothing_from_what_ramps_tell_and_one_that_shows_it_adds_to_it() -> None:
+    ramps = {1: 0.8, -1: 0.8}
+    counts = {
+        name: sum(judged_together(0.0, sigmas, seed).verdict == "accepted" for seed in range(300))
+        for name, sigmas in (("ramps", ramps), ("hidden", ramps | {0: 30.0}), ("shown", ramps | {0: 0.8}))
+    }
+    assert counts["hidden"] >= counts["ramps"] - 3, counts
+    assert counts["shown"] > counts["ramps"], counts
+    for sigma in (0.8, 3.0, 30.0):
+        verdicts = [judged_together(60.0, ramps | {0: sigma}, seed).verdict for seed in range(300)]
+        assert verdicts.count("accepted") <= 6, sigma
+
+
 def test_what_all_runs_add_alike_is_not_averaged_away() -> None:
     """The motion's own vibration taken for an order's: 60° off looks right, and no number of runs shows it."""
     own = THERE * cmath.exp(1j * math.radians(60.0)) - THERE
