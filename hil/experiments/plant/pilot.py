@@ -206,6 +206,10 @@ def rigid_inertia(data: Spectra, timing: SamplingTiming) -> float | None:
     seen = np.abs(angle) > 3.0 * noise
     if np.mean(seen) < 0.8:
         return None
-    inertia = np.abs(felt[seen] / (jw[seen] ** 2 * angle[seen]))
-    middle = float(np.median(inertia))
-    return middle if float(np.quantile(np.abs(inertia / middle - 1.0), 0.95)) < RIGID else None
+    shown = felt[seen] / (jw[seen] ** 2 * angle[seen])
+    inertia, middle = np.abs(shown), float(np.median(np.abs(shown)))
+    off = np.abs(shown.real / middle - 1.0)  # the imaginary part is viscous friction
+    # the lines lie evenly, and of a slow arm's resonance one in twenty shows: of the octaves it takes more than a fifth
+    of_octaves = np.quantile(off, 0.8, weights=1.0 / data.frequency_hz[seen], method="inverted_cdf")
+    is_rigid = max(float(np.quantile(np.abs(inertia / middle - 1.0), 0.95)), float(of_octaves)) < RIGID
+    return middle if is_rigid else None

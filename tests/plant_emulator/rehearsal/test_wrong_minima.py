@@ -48,6 +48,13 @@ def test_a_sensor_that_the_pilot_knows_is_no_other_one_in_the_main_run(tmp_path)
     assert identified().plant.values.motor_inertia_kg_m2 == pytest.approx(axis.motor_inertia_kg_m2, rel=0.03)
 
 
+def test_an_arm_of_4_hz_is_not_taken_for_one_that_turns_with_its_motor(tmp_path):
+    """One line in twenty lies near such a resonance: the pilot said that motor and arm turn as one inertia."""
+    axis, steps, identified = begun(50985, tmp_path)
+    steps.plant()
+    assert identified().plant.values.arm_inertia_kg_m2 == pytest.approx(axis.arm_inertia_kg_m2, rel=0.02)
+
+
 def test_an_accelerometer_that_is_late_by_a_quarter_of_a_period_is_known_to_be(tmp_path):
     """The plant's fit began at 1 ms and stated −0.7 ± 0.3 ms of 9.3 ms; learning then took the axis for another one."""
     _, steps, identified = begun(50229, tmp_path)
