@@ -16,7 +16,7 @@ SIGMAS = NormalDist().inv_cdf(PROBABILITY)
 FAR_SIGMAS = 3.0
 """Standard errors from which a difference is hardly chance: chance alone makes one of 370 so large."""
 SURE_SIGMAS = 4.0
-"""The same of what every run looks at several times: one of 16 000. A good run then hardly ever stops or is remarked on."""
+"""The same for what every run checks several times: chance makes one of 16 000 so large, so good runs hardly ever stop."""
 SEEN_SIGMAS = 5.0
 """Standard errors of an amplitude from which it is measured: to 20 %."""
 SEARCHED_SIGMAS = 8.0

@@ -34,7 +34,7 @@ Order 4 is at 40 Hz at 10 rps."""
 MOUNTING_HZ = 110.0
 """A sensor's resonance on its mounting, as likely below as above, so its bend at a frequency f is within ±(f/110 Hz)²."""
 RESONANCE_BAND = (0.4, 2.5)
-"""Frequencies over a resonance f between which it shows: below, an arm follows to 1.2; above, it is held to 0.2, 1/|1 − r²|."""
+"""Band, over a resonance f, in which it shows: at 0.4 f the response 1/|1 − r²| is 1.2, at 2.5 f it is 0.2."""
 
 
 @dataclass(frozen=True)

@@ -454,7 +454,7 @@ class PlantProblem:
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]])
 
     def resumed(self, unknowns: Real) -> Real:
-        """Start where another run's fit ended; the accelerometer's part of that counts if both runs have one."""
+        """Start where another run's fit ended, with its accelerometer if both runs have one."""
         fresh = self.start(unknowns[: VISCOUS + 1])
         return unknowns if len(unknowns) == len(fresh) else fresh
 

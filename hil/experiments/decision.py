@@ -14,7 +14,7 @@ MOST_RUNS = 4
 """Most runs of either kind where one leaves a claim open: the mean of n runs halves the sensor's noise at n = 4."""
 
 RISK = 0.1
-"""Probability from which a harm is not risked after the last run: one that is let through weighs as nine that were none."""
+"""Probability of a harm from which it is not risked after the last run: a harm costs as much as nine needless refusals."""
 
 
 @dataclass(frozen=True)

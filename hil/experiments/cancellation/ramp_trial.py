@@ -1,7 +1,8 @@
 """Ramps on which a trial judges orders that its motion hides.
 
 An order may ring where the motion's own jerk shakes the arm far more, or not ring at all. A slow ramp through its resonance shows
-it by itself, as the passes of `hil learn` do: without the cancellation, and with the whole of it.
+it by itself, as the passes of `hil learn` do: without the cancellation, and with the whole of it. The motion's own runs are
+judged beside the ramps.
 """
 
 import math

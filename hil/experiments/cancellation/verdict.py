@@ -136,7 +136,7 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     """
     pairs = [_solved(part, [each for each in seen if each.direction == way]) for way in sorted({each.direction for each in seen})]
     there, taken, covariance, bias = (np.array(each) for each in zip(*pairs, strict=True))
-    # each direction counts by how exactly its own noise shows powers of this size: var |e + n|² = 4 σ² (|e|² + σ²)
+    # directions weigh by the inverse variance that noise gives their power: var |e + n|² = 4 σ² (|e|² + σ²)
     spread = covariance[:, 0, 0] + bias - 2.0 * covariance[:, 0, 1] + covariance[:, 1, 1]
     inexact = spread * (np.abs(there[np.argmin(spread)]) ** 2 + spread)
     weight = np.sqrt(np.min(inexact) / inexact)

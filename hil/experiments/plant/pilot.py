@@ -209,7 +209,7 @@ def rigid_inertia(data: Spectra, timing: SamplingTiming) -> float | None:
     shown = felt[seen] / (jw[seen] ** 2 * angle[seen])
     inertia, middle = np.abs(shown), float(np.median(np.abs(shown)))
     off = np.abs(shown.real / middle - 1.0)  # the imaginary part is viscous friction
-    # the lines lie evenly, and of a slow arm's resonance one in twenty shows: of the octaves it takes more than a fifth
+    # lines are evenly spaced: a slow arm's resonance takes a twentieth of them, but more than a fifth of the octaves
     of_octaves = np.quantile(off, 0.8, weights=1.0 / data.frequency_hz[seen], method="inverted_cdf")
     is_rigid = max(float(np.quantile(np.abs(inertia / middle - 1.0), 0.95)), float(of_octaves)) < RIGID
     return middle if is_rigid else None
