@@ -29,6 +29,7 @@ from hil.design.estimation import (
     EVALUATIONS,
     FAR_SIGMAS,
     PROBABILITY,
+    ROUNDING,
     EstimatedMode,
     EstimatedParameter,
     UnidentifiableError,
@@ -160,7 +161,7 @@ def fit_plant(
     others = descents.of([*problem.beside(best.x), *problem.with_other_delay(best.x)])
     best = min([best, *(fit for fit in others if problem.is_inside(fit.x))], key=_left)
     problem.focus(problem.plant(best.x).antiresonance_hz)
-    return estimate_of(problem, best.x, np.asarray(best.jac))
+    return estimate_of(problem, *over_lag(problem, best))
 
 
 def _left(fit: Any) -> float:
@@ -202,25 +203,124 @@ class Descents:
 def _round(problem: PlantProblem, x: Real, evaluations: int, *, are_times_held: bool = False) -> Any:
     """Fit with the tip's lines around the antiresonance of a start."""
     problem.focus(problem.plant(x).antiresonance_hz)
-    low, high = problem.bounds(x, are_times_held=are_times_held)
+    return _descended(problem, x, list(range(len(x))), problem.bounds(x, are_times_held=are_times_held), evaluations)
+
+
+def _descended(
+    problem: PlantProblem, x: Real, free: list[int], bounds: tuple[Real, Real], evaluations: int, tolerance: float = 1e-8
+) -> Any:
+    """Fit of the free unknowns, to a relative change of the cost; the others stay as they are."""
+    low, high = bounds[0][free], bounds[1][free]
+
+    def whole(part: Real) -> Real:
+        full = x.copy()
+        full[free] = part
+        return full
+
+    def residual(part: Real) -> Real:
+        return problem.residual(whole(part))
+
+    def slopes(part: Real) -> Real:
+        return problem.slopes(whole(part))[:, free]
+
     return scipy.optimize.least_squares(
-        problem.residual,
-        np.clip(x, low + 1e-9, high - 1e-9),
-        problem.slopes,
+        residual,
+        np.clip(x[free], low + 1e-9, high - 1e-9),
+        slopes,
         bounds=(low, high),
-        x_scale=problem.scale(x),
+        x_scale=problem.scale(x)[free],
         loss="soft_l1",
         f_scale=FAR_SIGMAS,
         max_nfev=evaluations,
+        ftol=tolerance,
     )
 
 
-def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
+def enlargement(problem: PlantProblem, x: Real) -> float:
+    """Factor of the covariance: the mean squared residual of the kind that is explained least, not of them all.
+
+    What is allowed for beside scatter, for the law and for images at the tip, is seldom met in full; that residuals of one kind
+    are small says nothing of those of another.
+    """
+    left = problem.left(x)
+    count = sum(map(len, left))
+    freedom = max(1.0, 2.0 * count - len(x)) / count
+    return max(SMALLEST_MISFIT**2, *(float(2.0 * np.sum(np.abs(each) ** 2) / (freedom * max(1, len(each)))) for each in left))
+
+
+def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
+    """Mean and covariance of the unknowns, integrated over the lag of the current loop.
+
+    Lag, age of the torque and motor inertia can stand for each other: with a SYNC of 8 ms the likelihood may be flat from 0 to
+    0.4 ms and end there, so that its curvature at a minimum says little of its width. So the others are fitted at lags that are
+    half of `FAR_SIGMAS` apart, as far as they are not improbable, and each weighs by its likelihood times the volume that it
+    leaves the others, √det of their covariance; in between both are interpolated.
+    """
+    enlarged, bounds = enlargement(problem, fit.x), problem.bounds(fit.x)
+    best = _HeldLag.of(problem, fit.x, fit, enlarged)
+    jacobian = np.asarray(fit.jac)
+    step = 0.5 * FAR_SIGMAS * math.sqrt(inverse(jacobian.T @ jacobian)[LAG, LAG] * enlarged)
+    found = [best]
+    for side in (-step, step):
+        reach, last = side, best
+        while last.deviance <= best.deviance + FAR_SIGMAS**2 and bounds[0][LAG] < last.x[LAG] < bounds[1][LAG]:
+            x = last.x.copy()
+            x[LAG] = np.clip(x[LAG] + reach, bounds[0][LAG], bounds[1][LAG])
+            fit = _descended(problem, x, _others(x), bounds, EVALUATIONS // 4, math.sqrt(ROUNDING))
+            before, last = last, _HeldLag.of(problem, x, fit, enlarged)
+            found.append(last)
+            if abs(last.deviance - before.deviance) < 1.0:
+                reach *= 2.0
+    found.sort(key=lambda each: each.x[LAG])
+    points = np.array([each.x for each in found])
+    lags = np.linspace(points[0, LAG], points[-1, LAG], EVALUATIONS)
+    values = [each.deviance for each in found], points, [each.covariance for each in found]
+    deviance, points, covariances = (
+        scipy.interpolate.PchipInterpolator(points[:, LAG], each)(lags) if len(found) > 1 else np.array(each) for each in values
+    )
+    weights = np.exp(-0.5 * (deviance - deviance.min()))
+    weights /= weights.sum()
+    mean = weights @ points
+    apart = points - mean
+    return mean, np.asarray(np.einsum("n,nij->ij", weights, covariances) + (weights * apart.T) @ apart)
+
+
+@dataclass(frozen=True)
+class _HeldLag:
+    """Fit of the other unknowns at a lag.
+
+    Attributes:
+        deviance: −2 ln of the likelihood of the lag, but for a constant.
+        x: The unknowns.
+        covariance: Their covariance, without that of the lag.
+    """
+
+    deviance: float
+    x: Real
+    covariance: Real
+
+    @classmethod
+    def of(cls, problem: PlantProblem, x: Real, fit: Any, enlarged: float) -> "_HeldLag":
+        """Take a fit of all unknowns, or of those beside the lag, which then is x's."""
+        others, point, jacobian = _others(x), x.copy(), np.asarray(fit.jac)
+        is_whole = len(fit.x) == len(x)
+        point[others] = fit.x[others] if is_whole else fit.x
+        jacobian, scale = jacobian[:, others] if is_whole else jacobian, problem.scale(point)[others]
+        information, covariance = jacobian.T @ jacobian / enlarged, np.zeros((len(x), len(x)))
+        covariance[np.ix_(others, others)] = inverse(information)
+        volume = float(np.linalg.slogdet(information * np.outer(scale, scale))[1])
+        return cls(2.0 * float(fit.cost) / enlarged + volume, point, covariance)
+
+
+def _others(x: Real) -> list[int]:
+    """Unknowns but the lag."""
+    return [unknown for unknown in range(len(x)) if unknown != LAG]
+
+
+def estimate_of(problem: PlantProblem, x: Real, covariance: Real) -> PlantEstimate:
     """Convert the unknowns to parameters with errors."""
     left = problem.residual(x)[: -problem.priors]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
-    enlarged = max(SMALLEST_MISFIT, misfit) ** 2
-    covariance = inverse(jacobian.T @ jacobian) * enlarged
     plant = problem.plant(x)
 
     motor, arm, stiffness = plant.motor_inertia_kg_m2, plant.arm_inertia_kg_m2, plant.gear_stiffness_nm_rad

@@ -541,11 +541,8 @@ class PlantProblem:
         """Tip lever by which the accelerometer shows the arm."""
         return self.lever_m * math.exp(x[LEVER])
 
-    def residual(self, x: Real) -> Real:
-        """Residuals in standard deviations, real and imaginary parts.
-
-        The last ones are those of the priors (`priors`).
-        """
+    def left(self, x: Real) -> list[Complex]:
+        """Residuals of each kind in standard deviations, E|e|² = 1: of the torque, of the law and of the tip."""
         of_torque, of_angle, of_tip, foretold = self.images(x)
         angle = self._measured[0] - of_angle
         torque = self.torque(x, self._measured[1], of_torque)
@@ -562,7 +559,14 @@ class PlantProblem:
             model = model * np.exp(-1j * float(x[DISPERSION]) * self._tilted_cube) / (1.0 - float(x[TILT]) * self._tilted_square)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((self._tip - of_tip - model * angle) / sigma)[self._tip_lines])
-        stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
+        return left
+
+    def residual(self, x: Real) -> Real:
+        """Residuals in standard deviations, real and imaginary parts.
+
+        The last ones are those of the priors (`priors`).
+        """
+        stacked = np.concatenate(self.left(x)) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         priors = [value / deviation for _, value, deviation in self._prior_values(x)]
         # the loss makes squares of these
         return np.concatenate([stacked.real, stacked.imag, [each * math.hypot(1.0, 0.5 * each / FAR_SIGMAS) for each in priors]])

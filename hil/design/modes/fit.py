@@ -17,7 +17,7 @@ import scipy
 from hil.design.estimation import DIFFERENCE_STEP, SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
 from hil.design.frequency import LIKELY_DAMPING, Complex, Real
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
-from hil.design.plant_identification import SMALLEST_MISFIT, Descents, PlantEstimate, estimate_of
+from hil.design.plant_identification import Descents, PlantEstimate, enlargement, estimate_of
 from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
 from hil.design.plant_spectra import Spectra
 
@@ -98,9 +98,7 @@ class _Fit:
 
     def covariance(self) -> Real:
         """Covariance of the unknowns, enlarged by the misfit."""
-        left = self.problem.residual(self.x)[: -self.problem.priors]
-        misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(self.x)))
-        return np.asarray(inverse(self.jacobian.T @ self.jacobian) * max(SMALLEST_MISFIT, misfit) ** 2)
+        return np.asarray(inverse(self.jacobian.T @ self.jacobian) * enlargement(self.problem, self.x))
 
 
 def _are_there(fit: _Fit) -> bool:
@@ -277,7 +275,7 @@ def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
     cells = [EstimatedParameter(float(v), float(e)) for v, e in zip(values, errors, strict=True)]
     parts = 5 if problem.data.tip is not None else 4
     modes = tuple(EstimatedMode(*cells[5 * i : 5 * i + parts]) for i in range(len(order)))
-    plant, (stiffness, damping) = estimate_of(problem, fit.x, fit.jacobian), cells[-2:]
+    plant, (stiffness, damping) = estimate_of(problem, fit.x, covariance), cells[-2:]
     leading = modes[lead]
     of_lead = {
         "arm_inertia_kg_m2": leading.inertia_kg_m2,

@@ -16,7 +16,7 @@ PRIOR_LOSS = 0.2
 """Prior part of hysteresis in ζ at the torsion of a main run, for a gear that has any: half of all gears do."""
 OPEN = {
     "damping": 0.5,
-    "antiresonance_hz": 0.5,
+    "antiresonance_hz": 0.3,
     "resonance_hz": 0.5,
     "gear_stiffness_nm_rad": 0.5,
     "arm_inertia_kg_m2": 0.5,
@@ -26,7 +26,17 @@ OPEN = {
 """Errors over the part of ζ that is hysteresis': of ζ itself, and relative ones of the others.
 
 A friction's torque is not linear, and the sine at which it is the same differs with the frequency. On the real gears of the drawn
-robots 10630 to 10674 an rms of z of 1 needs 0.46 for ζ, 0.39 for f_a, 0.54 to 0.59 for J_l, K_g and f_r, and 2.3 for J_m."""
+robots 10630 to 10674 an rms of z of 1 needs 0.46 for ζ, 0.39 for f_a, 0.54 to 0.59 for J_l, K_g and f_r, and 2.3 for J_m; with
+`SPRING_OPEN` beside it, 0.3 for f_a on those of 10600 to 10619 and 50880 to 51004.
+"""
+PRIOR_SLOPE = 0.03
+"""Prior standard deviation of d ln K_g/d ln a, for a gear that has any: its rms on the latter gears."""
+SPRING_OPEN = math.log(2.0 / (4.0 / math.pi * math.sqrt(0.5 * math.pi)))
+"""Error of ln K_g over d ln K_g/d ln a, 0.23: how much larger the sine is that meets the same spring, not the same friction.
+
+To a Gaussian torsion of standard deviation σ a cubic spring is as stiff as to a sine of 2 σ, and friction as lossy as to one of
+1.6 σ.
+"""
 
 
 def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tuple[PlantEstimate, str | None]:
@@ -38,11 +48,21 @@ def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tupl
     zero torque makes it softer there; the estimate holds at the torsion of the main run.
     """
     parameters = {name: _with_error(value, error * value.value) for name, value, error in _disagreements(main, pilot)}
-    lossy = loss_error(main, pilot)
-    sizes = {name: size * lossy for name, size in OPEN.items() if name in parameters}
+    lossy, soft = loss_error(main, pilot), SPRING_OPEN * slope_error(main, pilot)
+    of_spring = {
+        "gear_stiffness_nm_rad": soft,
+        "arm_inertia_kg_m2": soft,
+        "antiresonance_hz": 0.5 * soft,
+        "resonance_hz": 0.5 * soft,
+    }
+    sizes = {name: math.hypot(size * lossy, of_spring.get(name, 0.0)) for name, size in OPEN.items() if name in parameters}
     sizes["damping"] /= parameters["damping"].value
     for name, size in (sizes | {"gear_damping_nm_s_rad": sizes["damping"]}).items():
         parameters[name] = _with_error(parameters[name], size * parameters[name].value)
+    if "torque_lag_s" in parameters:  # lag and motor inertia stand for each other
+        motor = parameters["motor_inertia_kg_m2"]
+        error = main.values.with_marginal("motor_inertia_kg_m2", motor.value, motor.standard_error).standard_error("torque_lag_s")
+        parameters["torque_lag_s"] = EstimatedParameter(parameters["torque_lag_s"].value, error)
     if not any(_differs(main, pilot, name) for name in LEAST):
         return replace(main, parameters=parameters), None
     return replace(main, parameters=parameters), _words(main, pilot)
@@ -57,14 +77,29 @@ def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
     the pilot's, ρ. What an inexact pilot, or one at nearly the same torsion, cannot exclude keeps its prior probability.
     """
     one, other = main.parameters["damping"], pilot.parameters["damping"]
-    lever = main.torsion_rad / max(pilot.torsion_rad, 1e-30) - 1.0
-    lever = math.copysign(max(abs(lever), 1e-3), lever)
-    loss = (other.value - one.value) / lever
+    lever = _apart(main.torsion_rad / max(pilot.torsion_rad, 1e-30) - 1.0)
     noise = (one.standard_error**2 + other.standard_error**2) / lever**2
-    prior = (PRIOR_LOSS * one.value) ** 2
+    return _rms_if_any((other.value - one.value) / lever, noise, (PRIOR_LOSS * one.value) ** 2)
+
+
+def slope_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
+    """Rms slope d ln K_g/d ln a of the stiffness over the torsion a, as f_a of two runs shows it."""
+    one, other = main.parameters["antiresonance_hz"], pilot.parameters["antiresonance_hz"]
+    lever = _apart(math.log(main.torsion_rad / max(pilot.torsion_rad, 1e-30)))
+    noise = 4.0 * (one.relative**2 + other.relative**2) / lever**2
+    return _rms_if_any(2.0 * math.log(one.value / other.value) / lever, noise, PRIOR_SLOPE**2)
+
+
+def _apart(difference: float) -> float:
+    """Difference of two torsions that is never 0."""
+    return math.copysign(max(abs(difference), 1e-3), difference)
+
+
+def _rms_if_any(value: float, noise: float, prior: float) -> float:
+    """Posterior rms of what half of all gears have, with a prior variance, from a value and its variance."""
     weight = prior / max(prior + noise, 1e-300)
-    odds = math.sqrt(1.0 - weight) * math.exp(min(300.0, 0.5 * loss**2 * weight / max(noise, 1e-300)))
-    return math.sqrt(odds / (1.0 + odds) * weight * (weight * loss**2 + noise))
+    odds = math.sqrt(1.0 - weight) * math.exp(min(300.0, 0.5 * value**2 * weight / max(noise, 1e-300)))
+    return math.sqrt(odds / (1.0 + odds) * weight * (weight * value**2 + noise))
 
 
 def _disagreements(main: PlantEstimate, pilot: PlantEstimate) -> list[tuple[str, EstimatedParameter, float]]:

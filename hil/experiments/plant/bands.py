@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, RESONANCE_BAND, TwoInertia
-from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
+from hil.experiments.plant.motion import FAST_RPS, SLOWER, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
 
@@ -23,8 +23,6 @@ AWAY = 1.3
 the error, since their slow turns were slower, and J_m of three was further off."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Bias speeds that are tried, as factors of the usual one."""
-FASTS = (1.0, 0.85, 0.7)
-"""Fastest of the slow turns that are tried, as factors of the usual one."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
@@ -87,7 +85,7 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
         f_a: Anti-resonance, Hz.
         limit_rps: Largest speed that is allowed.
     """
-    return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in FASTS])
+    return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in SLOWER[:3]])
 
 
 def _quiet(f_a: float, speeds: Sequence[float]) -> float:
