@@ -8,20 +8,31 @@ window are not used, nor are filters that lower it in none. Runs are repeated un
 is excluded by it; if the largest number of runs does not decide, a rise that is still too probable counts as one. An order
 whose resonance the ramp does not pass is not judged: the peak there by switching the filter counts only above the motion's
 own largest peak.
+
+A filter turns the waves of the orders, which add to each other and to the jolt of the motion's start; whether the peak of a
+window rises thus depends on the motor angle at which the motion starts, and users start anywhere. So runs are compared from
+several angles, those of a pair from the same one with the arm at rest, and the worst of them counts.
 """
 
-from collections.abc import Callable, Collection
+import math
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from hil.analysis import TipScale, order_window_rps
 from hil.bench.bench import Bench
+from hil.design.modes.ring_down import modes_of
+from hil.design.notch_problem import WORSE_FRACTION
+from hil.errors import NotPossibleError
 from hil.experiments.cancellation.alternation import Alternation
 from hil.experiments.decision import MOST_RUNS
 from hil.experiments.judge import shown_rps
 from hil.experiments.peaks import PeakChange
+from hil.experiments.shaping import rates_of
+from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.runs import FilterTrial, FilterTrialPeak
+from hil.robot_tables import ORDERS
 
 
 def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
@@ -30,8 +41,45 @@ def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
     return replace(scale, windows_rps={**scale.windows_rps, **more}) if scale.windows_rps else scale
 
 
+def start_angles_rad() -> tuple[float, ...]:
+    """Motor angles at which trials of filters start, from where the axis stands.
+
+    From one to the next the wave of the highest order turns by a whole period and a quarter of one, so that those of lower
+    orders turn as well.
+
+    >>> [round(math.degrees(each), 1) for each in start_angles_rad()]
+    [0.0, 112.5, 225.0, 337.5]
+    """
+    return tuple(math.tau * 1.25 * number / max(ORDERS) for number in range(4))
+
+
+def starting_at(motion: Motion, start_rad: float, stands_rad: float) -> Motion:
+    """Motion of one axis that starts at an angle, wherever the axis stands."""
+    return replace(motion, motor_angle_rad=motion.motor_angle_rad + (start_rad - stands_rad))
+
+
+def at_rest(bench: Bench, axes: Collection[int]) -> Bench:
+    """Bench on which runs wait until the brake's release rings no more.
+
+    The ringing of every known axis decays to a part that is harmless in a peak, `WORSE_FRACTION`.
+    """
+    settle_s = bench.settle_s
+    for axis in axes:
+        try:
+            modes = modes_of(rates_of(bench, axis, None))
+        except NotPossibleError:
+            continue
+        decays = [math.tau * mode.frequency_hz * mode.damping for mode in modes]
+        settle_s = max([settle_s, *(math.log(1.0 / WORSE_FRACTION) / decay for decay in decays if decay > 0.0)])
+    return bench.model_copy(update={"settle_s": settle_s})
+
+
 def try_filters(
-    bench: Bench, scale: TipScale, run: Callable[[bool], Recording], orders: Collection[float] = (), reporter: Reporter = SILENT
+    bench: Bench,
+    scale: TipScale,
+    runs: Sequence[Callable[[bool], Recording]],
+    orders: Collection[float] = (),
+    reporter: Reporter = SILENT,
 ) -> FilterTrial:
     """Try filters until every rise is seen or excluded.
 
@@ -40,7 +88,7 @@ def try_filters(
     Args:
         bench: The bench file.
         scale: Scale of the axes that move.
-        run: Runs the motion, with the filters or without.
+        runs: For each angle at which the motion starts, what runs it, with the filters or without.
         orders: Orders that the gear of a single axis is known to have, beside those of the scale.
         reporter: Listener of each run.
 
@@ -49,16 +97,28 @@ def try_filters(
         HilError: As the runs.
     """
     scale = with_orders(scale, orders)
-    runs = Alternation(bench, scale, run, ("trial of the filters: untreated", "trial of the filters: with them"), reporter)
+    judged = scale.orders_met(shown_rps(bench)) if scale.windows_rps else ()
     changes: list[PeakChange] = []
     peaks: list[PeakChange] = []
-    while runs.count < MOST_RUNS:
-        runs.once_more()
-        changes = runs.seen()
-        peaks = _that_count(changes, scale.orders_met(shown_rps(bench)) if scale.windows_rps else ())
-        if peaks[0].rises.holds or (peaks[0].rises.fails and any(peak.falls.holds for peak in peaks)):
+    count = 0
+    for number, run in enumerate(runs, start=1):
+        where = f", start {number} of {len(runs)}" if len(runs) > 1 else ""
+        titles = (f"trial of the filters: untreated{where}", f"trial of the filters: with them{where}")
+        here, is_decided = Alternation(bench, scale, run, titles, reporter), False
+        while not is_decided and here.count < MOST_RUNS:
+            here.once_more()
+            seen = here.seen()
+            counted = _that_count(seen, judged)
+            falls = any(peak.falls.holds for peak in (*peaks, *counted))
+            is_decided = counted[0].rises.holds or (counted[0].rises.fails and falls)
+        count, changes, peaks = count + here.count, changes + seen, peaks + counted
+        if counted[0].rises.is_risky:
             break
-    return _entry(peaks, changes, runs.count)
+    return _entry(_worst_first(peaks), _worst_first(changes), count)
+
+
+def _worst_first(changes: Sequence[PeakChange]) -> list[PeakChange]:
+    return sorted(changes, key=lambda each: (-each.rises.probability, -each.beyond_mm))
 
 
 def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[PeakChange]:
@@ -72,7 +132,7 @@ def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[Pe
 
 
 def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> FilterTrial:
-    worst, best, end = peaks[0], peaks[-1], "; the motion is run without them"
+    worst, best, end = peaks[0], min(peaks, key=lambda each: each.beyond_mm), "; the motion is run without them"
     words = ""
     if worst.rises.is_likely:
         words = f"the filters are refused: with them {worst.words}{end}"
@@ -81,8 +141,10 @@ def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> Fil
         words = f"the filters are refused: with them {worst.words}, and {rise}{end}"
     elif not any(peak.falls.is_likely for peak in peaks):
         words = f"the filters are refused: they do not lower the tip's peak in any window; at best it {best.change}{end}"
+    worst_of = {peak.order: peak for peak in reversed(changes)}
     entries = tuple(
         FilterTrialPeak(order=peak.order, before_mm=peak.before_mm, after_mm=peak.after_mm, error_mm=peak.error_mm)
         for peak in changes
+        if peak is worst_of[peak.order]
     )
     return FilterTrial(is_good=not words, runs=runs, peaks=entries, words=words)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from hil.analysis import TipScale
@@ -9,20 +10,21 @@ from hil.bench.bench import Bench
 from hil.bench.model import with_identified
 from hil.can.channel import Channel
 from hil.control.treatments import treatment
-from hil.errors import NotPossibleError, SafetyStopError
+from hil.errors import NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, cancelled_orders
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.follow import FollowingSetUp, following_of
 from hil.experiments.cancellation.follow_trial import FollowRun, try_following
 from hil.experiments.cancellation.inside import cancel_inside
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
-from hil.experiments.filter_trial import try_filters
+from hil.experiments.filter_trial import at_rest, start_angles_rad, starting_at, try_filters
 from hil.experiments.judge import RunJudge, check_shown, missing_words, motion_scale, vibration_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
 from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries, outside
 from hil.experiments.shaping import check_stop, shaped_motion
 from hil.experiments.treatment import Knowledge, TreatmentSetup, arm_remark, treatment_setup
 from hil.master.motion import Motion, RunResult
+from hil.master.request import check_motion
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -300,23 +302,47 @@ class _ExperimentRuns:
 
         If they raise the tip's peak, the runs are made without them.
         """
+        session, bench, axis = self._session, self._session.bench, self._experiment.axis
+        scale = _trial_scale(bench, self._experiment, self._motion)
+        model = None if axis is None else bench.axis[axis].model
+        orders = () if model is None else tuple(model.ate.amplitudes_arcsec())
 
-        def run(acts: bool) -> Recording:
-            self._session.check_interrupt()
-            result = self._session.run(
-                self._motion, self._filters if acts else "none", self._experiment.loop, shows_filter=self._setup.shows_filter
-            )
+        def run(start_rad: float | None, acts: bool) -> Recording:
+            session.check_interrupt()
+            motion = self._motion if start_rad is None else starting_at(self._motion, start_rad, self._stands_rad())
+            filters = self._filters if acts else "none"
+            result = session.run(motion, filters, self._experiment.loop, shows_filter=self._setup.shows_filter)
             if result.stopped is not None:
                 raise result.stopped
             return result.recording
 
-        bench, axis = self._session.bench, self._experiment.axis
-        scale = _trial_scale(bench, self._experiment, self._motion)
-        model = None if axis is None else bench.axis[axis].model
-        orders = () if model is None else tuple(model.ate.amplitudes_arcsec())
-        trial = try_filters(bench, scale, run, orders, self._reporter)
+        starts = [partial(run, start_rad) for start_rad in self._starts_rad()]
+        session.adopt(at_rest(bench, self._motion.axes))
+        trial = try_filters(bench, scale, starts, orders, self._reporter)
+        session.adopt(bench)
         self._filters = self._filters if trial.is_good else "none"
         self.trial = TrialVerdict(refusal=trial.words or None, filters=trial)
+
+    def _stands_rad(self) -> float:
+        """Motor angle at which the only axis of the motion stands."""
+        return self._session.axes[self._motion.axes[0]].position_rad()
+
+    def _starts_rad(self) -> list[float | None]:
+        """Angles at which trials of filters start, on the side on which the limits leave room.
+
+        A motion of the tool, and one without room, has one start: where the axes stand.
+        """
+        motion, axes = self._motion, [self._session.axes[number] for number in self._motion.axes]
+        if motion.starts_at_home or len(axes) > 1:
+            return [None]
+        here, turned = self._stands_rad(), start_angles_rad()
+        for side in (1.0, -1.0):
+            try:
+                check_motion(starting_at(motion, side * max(turned), 0.0), axes, [here])
+            except UnsafeRequestError:
+                continue
+            return [here + side * each for each in turned]
+        return [here]
 
     def _accept(self, choice: Choice) -> None:
         refusal = None if choice.refusal is None else str(choice.refusal)

@@ -152,7 +152,7 @@ class FilterTrial(ResultPart):
     Attributes:
         is_good: True if the tip's peak rises in no window and falls in one; else the run is made without them.
         runs: Runs with them, and as many without.
-        peaks: The peak in each window, the worst first.
+        peaks: The peak in each window from the start that is worst for it, the worst first.
         words: Refusal in words; empty if they are good.
     """
 

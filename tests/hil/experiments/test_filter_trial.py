@@ -1,6 +1,7 @@
 """Trial of designed filters: what raises the tip's peak in a window, or lowers it in none, is not used."""
 
 import itertools
+import math
 import re
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 from hil.analysis import tip_scale
 from hil.bench.bench import load_bench
 from hil.experiments.decision import MOST_RUNS, RISK
-from hil.experiments.filter_trial import try_filters
+from hil.experiments.filter_trial import at_rest, start_angles_rad, starting_at, try_filters
+from hil.experiments.motions import constant_acceleration
 from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.results.runs import FilterTrial
+from hil.robot_tables import ORDERS
 
 PERIOD_S, F_AL_HZ = 0.002, 11.8
 
@@ -36,7 +39,66 @@ def tried(
 ) -> FilterTrial:
     runs = itertools.count(first_seed)
     scale = tip_scale(F_AL_HZ)
-    return try_filters(load_bench("reference"), scale, lambda acts: ramp(with_it if acts else without, noise, next(runs)), orders)
+
+    def run(acts: bool) -> Recording:
+        return ramp(with_it if acts else without, noise, next(runs))
+
+    return try_filters(load_bench("reference"), scale, [run], orders)
+
+
+Sizes = dict[float, float]
+
+
+def tried_from(starts: list[tuple[Sizes, Sizes]], noise: float = 0.001) -> FilterTrial:
+    """A trial from several start angles: the orders' sizes without and with the filters from each."""
+    seeds = itertools.count()
+    runs = [lambda acts, pair=pair: ramp(pair[acts], noise, next(seeds)) for pair in starts]
+    return try_filters(load_bench("reference"), tip_scale(F_AL_HZ), runs)
+
+
+GOOD: tuple[Sizes, Sizes] = ({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.3})
+RAISED: tuple[Sizes, Sizes] = ({2: 1.0, 4: 0.2}, {2: 0.5, 4: 0.22})
+
+
+def test_filters_that_raise_an_order_from_one_start_alone_are_refused() -> None:
+    assert tried_from([GOOD, GOOD, GOOD]).is_good
+    trial = tried_from([GOOD, RAISED, GOOD])
+    assert not trial.is_good
+    assert trial.runs == 2, "the start that has decided is the last"
+    assert "in the window of order 4 rises" in trial.words
+    assert [peak.order for peak in trial.peaks].count(4) == 1, "each window once, from its worst start"
+    peak = next(peak for peak in trial.peaks if peak.order == 4)
+    assert peak.after_mm / peak.before_mm == pytest.approx(1.1, abs=0.02)
+
+
+def test_what_noise_hides_is_run_again_from_each_start() -> None:
+    assert tried_from([({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.28})] * 4, noise=0.05).runs > 4
+
+
+def test_from_start_to_start_every_order_turns_and_the_highest_by_quarters() -> None:
+    turned = {order: sorted(round(math.degrees(order * each) % 360.0, 1) for each in start_angles_rad()) for order in ORDERS}
+    assert turned[max(ORDERS)] == [0.0, 90.0, 180.0, 270.0]
+    for order, phases in turned.items():
+        gaps = np.diff([*phases, phases[0] + 360.0])
+        assert max(gaps) <= 135.0, f"order {order:g}: {phases}"
+
+
+def test_runs_that_are_compared_start_at_one_angle_wherever_the_axis_stands() -> None:
+    motion = constant_acceleration(load_bench("reference"), 2, PERIOD_S)
+    for stands_rad in (0.0, 0.0275, -1.0):
+        assert stands_rad + starting_at(motion, 2.0, stands_rad).motor_angle_rad[0, 0] == pytest.approx(2.0)
+
+
+def test_a_trial_waits_until_the_ringing_of_a_soft_arm_has_decayed() -> None:
+    bench = load_bench("reference")
+    model = bench.axis[2].model
+    assert model is not None
+    soft = model.model_copy(update={"gear_stiffness_nm_rad": 0.1 * model.gear_stiffness_nm_rad})
+    axes = {2: bench.axis[2].model_copy(update={"model": soft}), 3: bench.axis[3].model_copy(update={"model": None})}
+    on_soft = at_rest(bench.model_copy(update={"axis": axes}), (2, 3)).settle_s
+    assert on_soft > 2.0 * bench.settle_s
+    assert at_rest(bench, (2,)).settle_s == bench.settle_s, "an arm of 11.8 Hz is at rest by then"
+    assert at_rest(bench.model_copy(update={"axis": axes}), (3,)).settle_s == bench.settle_s, "nothing is known of it"
 
 
 def test_filters_that_lower_an_order_are_used() -> None:

@@ -1,6 +1,7 @@
 """The trial of filters on a drawn robot with hysteresis and a low resonance: a filter for order 2 raises order 1."""
 
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,14 @@ from hil.analysis import TipScale, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.design import DesignedAxis, Designs
 from hil.errors import NotPossibleError
+from hil.experiments import runner
 from hil.experiments.filter_trial import try_filters
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.recording import Recording
+from hil.results.runs import FilterTrial
 from hil.robot_tables import NotchTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import drawn
@@ -73,7 +76,7 @@ def test_a_filter_that_raises_an_order_it_is_not_for_is_refused_whatever_the_noi
         noise = robot.accelerometer.noise_m_s2 * rng.standard_normal(len(made.time_s))
         return Recording({**made.columns, "tip_z_m_s2": made.columns["tip_z_m_s2"] + noise})
 
-    trials = [try_filters(bench, scale, run) for _ in range(TRIALS)]
+    trials = [try_filters(bench, scale, [run]) for _ in range(TRIALS)]
     assert sum(trial.is_good for trial in trials) == 0
     words = next(trial.words for trial in trials if trial.words)
     assert re.search(r"in the window of order 1 rises from 0\.5\d* to 0\.[56]\d* ± 0\.\d+ mm", words)
@@ -101,6 +104,31 @@ def test_a_run_with_designed_filters_tries_them_first_and_goes_on_without_those_
     assert trials
     assert all(not trial.is_good and "in the window of order 1 rises" in trial.words for trial in trials)
     assert all(run.filters == () for run in outcome.result.runs), "none acted in what is stated as the result"
+
+
+def test_runs_of_a_trial_start_at_the_angle_of_their_pair_with_the_arm_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From run to run the axis slips in its brake, whose release lets a soft arm ring longer than the bench waits."""
+    robot, text = drawn(SEED, "real")
+    robot = quiet(robot)
+    bench = with_true_models(loads(text, Bench, "blank bench"), robot)
+    made: list[list[Recording]] = []
+
+    def tried(_bench: Bench, _scale: TipScale, runs: Sequence[Callable[[bool], Recording]], *_: object) -> FilterTrial:
+        made.extend([run(acts) for acts in (False, True)] for run in runs)
+        return FilterTrial(is_good=False, runs=len(runs), peaks=(), words="enough")
+
+    monkeypatch.setattr(runner, "try_filters", tried)
+    designed = [Experiment("constant-acceleration", AXIS, "notch-designed")]
+    channel = InProcessChannel(World(robot), is_logged=False)
+    run_experiments(bench, designed, tmp_path, knowledge=designed_for(bench, robot), channel=channel)
+    starts = np.array([[float(each.axis(AXIS, "position_rad")[0]) for each in pair] for pair in made])
+    assert np.ptp(starts, axis=1).max() < 0.002, "rad: the axis slips by more"
+    assert np.degrees(np.diff(starts[:, 0])) == pytest.approx([112.5] * 3, abs=0.2)
+    for pair in made:
+        dwell = [each.felt_m_s2[: round(0.15 / each.period_s)] for each in pair]
+        assert max(np.ptp(each) for each in dwell) < 0.002 * np.ptp(pair[0].felt_m_s2)
 
 
 def test_designed_filters_are_refused_before_any_motion_where_no_f_al_is_known(tmp_path: Path) -> None:
