@@ -1,4 +1,6 @@
-"""Counts in words: `1 frame`, `2 frames`, `once`, `3 times`."""
+"""Counts in words: `1 frame`, `2 frames`, `once`, `3 times`; lists of axes."""
+
+from collections.abc import Sequence
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
@@ -17,3 +19,13 @@ def times(number: int) -> str:
     ('once', 'twice', '7 times')
     """
     return {1: "once", 2: "twice"}.get(number, f"{number} times")
+
+
+def axes_in_words(numbers: Sequence[int]) -> str:
+    """Return the axes of one number or more.
+
+    >>> axes_in_words([2]), axes_in_words([2, 3, 5])
+    ('axis 2', 'axes 2, 3 and 5')
+    """
+    *first, last = map(str, numbers)
+    return f"axes {', '.join(first)} and {last}" if first else f"axis {last}"

@@ -109,7 +109,11 @@ def load_columns(path: Path) -> dict[str, Real]:
         ValueError: It holds something else; the message has its name.
     """
     with path.open(newline="", encoding="utf-8") as file:
-        names = next(csv.reader(file), [])
+        names = next(csv.reader([file.readline()]), [])
+        begin = file.tell()
+        if not file.read(1):
+            raise ValueError(f"{path}: no row of numbers; a run that is stopped at once leaves none")
+        file.seek(begin)
         try:
             values = np.loadtxt(file, delimiter=",", ndmin=2)
         except ValueError as error:

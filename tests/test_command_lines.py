@@ -75,6 +75,17 @@ def test_nothing_of_the_help_is_cut(words, command, monkeypatch):
     assert "…" not in text
 
 
+def test_the_commands_of_lss_list_their_options_in_one_order():
+    lists = [
+        [each.name for each in command.params if each.param_type_name == "option"]
+        for words, command in commands("drive-profiles")
+        if words[1:2] == ("lss",) and len(words) == 3
+    ]
+    shortest, *others = sorted(lists, key=len)
+    assert shortest[0] == "bus"
+    assert all(each[: len(shortest)] == shortest for each in others), lists
+
+
 @pytest.mark.parametrize(("words", "command"), LEAVES)
 def test_the_help_has_no_type_of_python_and_says_what_can_be_repeated(words, command, monkeypatch):
     text = help_of(words, command, 80, monkeypatch)

@@ -48,6 +48,7 @@ FILES = {
     "old/result.json": '{"schema": 1}',
     "other/result.json": '{"schema": 2, "kind": "cake"}',
     "broken/result.json": "no",
+    "worded/result.json": '{"schema": 2, "kind": "run", "runs": "two"}',
     "list/result.json": "[]",
 }
 
@@ -55,7 +56,8 @@ COMMANDS = {
     "an axis that is not there": (hil, (*RUN, "--axis", "7"), 3, "has no axis 7; it has 2, 3, 5"),
     "an axis too many": (hil, ("run", "line-motion", "--axis", "2", "--bench", "reference"), 2, "takes no --axis"),
     "a folder in use": (hil, (*RUN, "--out", "old"), 3, "old/result.json already exists, from an earlier command"),
-    "a file as a folder": (hil, (*RUN, "--out", "x.log"), 3, "x.log/runs: Not a directory"),
+    "a file as a folder": (hil, (*RUN, "--out", "x.log"), 3, "x.log is a file; expected a folder"),
+    "a folder below a file": (hil, (*RUN, "--out", "x.log/a/b"), 3, "x.log is a file; expected a folder"),
     "no design file": (hil, (*TREATED, "notch-designed"), 3, "needs a design file: --design design.toml, from hil design notch"),
     "an empty file": (hil, (*TREATED, "notch-designed", "--design", "empty.toml"), 3, "empty.toml:1: robot: is missing"),
     "no TOML": (hil, (*TREATED, "cancellation", "--model", "words.toml"), 3, "words.toml:1: Expected '='"),
@@ -64,6 +66,7 @@ COMMANDS = {
     "a model file to write": (hil, (*IDENTIFY, "--model", "words.toml"), 3, "words.toml:1: Expected '='"),
     "a folder that is missing": (hil, (*IDENTIFY, "--model", "/no/m.toml"), 3, "/no/m.toml: cannot be written: there is no"),
     "an option that is no number": (hil, (*IDENTIFY, "--bias-rps", "nan"), 2, "--bias-rps: 'nan': expected a finite number"),
+    "a number out of range": (hil, (*RUN, "--repeat", "0"), 2, "'0': expected at least 1"),
     "an order of 0": (hil, ("identify", "ate", "--axis", "2", "--bench", "reference", "--orders", "0"), 2, "must be above 0"),
     "a folder as a log": (hil, ("explain", "old"), 3, "old: is a folder; expected a log of a bus"),
     "a file as a bus": (hil, (*RUN, "--bus", "local:x.log"), 4, "x.log is a file; expected the socket of an emulator"),
@@ -87,6 +90,7 @@ COMMANDS = {
     "a result that is no JSON": (hil, ("report", "broken"), 3, "broken/result.json: not JSON"),
     "a result without a schema": (hil, ("report", "list"), 3, "list/result.json: not a result: it has no `schema`"),
     "a result that is no text": (hil, ("report", "bytes"), 3, "result.json: not JSON: byte 0xff; expected UTF-8 text"),
+    "a result with words for numbers": (hil, ("report", "worded"), 3, "bench: is missing; runs: found 'two'; expected"),
     "a value without its key": (drive_profiles, ("set", "gain", "--node", "2", *NOWHERE), 2, "'gain': expected OBJECT=VALUE"),
     "no such profile": (drive_profiles, ("show", "cake"), 2, "no drive profile 'cake'; available: copley_plus"),
     "no such interface": (drive_profiles, ("scan", "--bus", "cake:1"), 2, "unknown interface 'cake'; expected one of local"),
@@ -94,6 +98,11 @@ COMMANDS = {
         drive_profiles, ("realise", "emulated_drive", "--speed-rps", "5.9", "--zeta-rn", "5"), 2,
         "zeta_zero = 5 must be below zeta_pole = 0.1 to make a notch",
     ),
+    "more sets than nodes": (
+        drive_profiles, ("upload", "bench.toml", "x.toml", "--node", "2", *NOWHERE), 2, "2 parameter sets for 1 node; give one",
+    ),
+    "a file for a backup": (drive_profiles, ("backup", "--out", "x.log", *NOWHERE), 3, "x.log is a file; expected a folder"),
+    "a file for pages": (drive_profiles, ("pages", "--out", "x.log"), 3, "x.log is a file; expected a folder"),
     "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "unknown key 'geometry'"),
     "an assignment that is none": (plant_emulator, ("serve", "--drive", "3:x"), 2, "--drive 3:x: expected AXIS=VALUE, such as"),
     "a file to serve on": (
@@ -104,6 +113,12 @@ COMMANDS = {
         plant_emulator, ("serve", "--bus", "local:/no/x.sock"), 4, "there is no folder /no; make it first, or",
     ),
     "a file for EDS files": (plant_emulator, ("eds", "--out", "x.log"), 3, "x.log: is a file; expected a folder"),
+    "a file for a fleet": (plant_emulator, ("fleet", "--seed", "1", "--out", "x.log"), 3, "x.log is a file; expected a folder"),
+    "a file for a study": (plant_emulator, ("robustness", "--out", "x.log"), 3, "x.log: is a file; expected a folder"),
+    "a folder for a study": (plant_emulator, ("following", "--out", "old"), 3, "old: is not a regular file"),
+    "a robot without gains": (
+        plant_emulator, ("simulate", "--robot", "reference-arm", "--out", "o.csv"), 3, "a simulation needs the gains: add [axis.",
+    ),
     "seeds backwards": (plant_emulator, ("fleet", "--seeds", "3-1", "--out", "q"), 2, "3-1 ends before it begins"),
     "a robot that is a bench": (plant_emulator, ("serve", "--robot", "bench.toml"), 3, "axis.2.limits: unknown key 'limits'"),
 }  # fmt: skip

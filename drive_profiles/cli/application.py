@@ -28,6 +28,7 @@ from drive_profiles.python_can import postpone_mf4
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
 _LIST = re.compile(r"<list\[(\w+)\]>")
+_BOUNDS = {"greater than or equal to": "at least", "less than or equal to": "at most", "greater than": "more than"}
 _UNCUT = 10_000
 _Command = TypeVar("_Command", bound=Callable[..., None])
 _UNBROKEN = "\u2011"  # a hyphen after which no line ends
@@ -123,6 +124,8 @@ class ToolCommand(_Help, TyperCommand):
             details: list[Any] = getattr(error.__cause__, "errors", list)()
             if details and details[0]["type"] != "value_error":  # a choice names the value itself
                 expected = str(details[0]["msg"]).removeprefix("Input should be ").partition(", unable to")[0]
+                for long, short in _BOUNDS.items():
+                    expected = expected.replace(long, short)
                 error.message = f"{details[0]['input']!r}: expected {expected}"
             elif details:
                 error.message = str(details[0]["msg"]).removeprefix("Value error, ")

@@ -79,7 +79,8 @@ def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
     there = bus.answering(nodes or range(1, 128))
     silent = sorted(set(nodes or ()) - set(there))
     if silent or not there:
-        raise fail(f"node {silent[0]} does not answer" if silent else f"no node answers on {bus.address}", ExitStatus.NODE)
+        alone = f"node {silent[0]} does not answer; check its supply and the node-ID" if silent else ""
+        raise fail(alone or f"no node answers on {bus.address}", ExitStatus.NODE)
     return [any_device_at(bus, node) for node in there]
 
 
@@ -222,6 +223,20 @@ class OneNode:
     timeout_s: Annotated[float, typer.Option("--timeout-s", min=0.01, max=10.0, help="Longest time until an answer.")] = 0.2
 
 
+@dataclass(frozen=True, kw_only=True)
+class ChangedNode(OneNode):
+    """Options that choose one node to change."""
+
+    yes: YesOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenamedNode(ChangedNode):
+    """Options that choose one node to give a node-ID."""
+
+    store: Annotated[bool, typer.Option("--store", help="Store the change, so that it survives a loss of power.")] = False
+
+
 @lss_app.command(epilog=READ_EPILOG)
 def show(one: OneNode) -> None:
     """Show identity and node-ID of one node, read by LSS.
@@ -234,10 +249,7 @@ def show(one: OneNode) -> None:
 @lss_app.command(epilog=READ_EPILOG)
 def node_id(
     new: Annotated[int, typer.Argument(metavar="NODE-ID", min=1, max=127, help="The new node-ID.")],
-    one: OneNode,
-    *,
-    store: Annotated[bool, typer.Option("--store", help="Store the change, so that it survives a loss of power.")] = False,
-    yes: YesOption = False,
+    one: RenamedNode,
 ) -> None:
     """Give a node a node-ID.
 
@@ -247,9 +259,9 @@ def node_id(
     """
 
     def change(lss: Lss, address: LssAddress) -> None:
-        confirm(f"give {address} the node-ID {new}{' and store it' if store else ''}?", yes=yes)
+        confirm(f"give {address} the node-ID {new}{' and store it' if one.store else ''}?", yes=one.yes)
         lss.configure_node_id(new)
-        if store:
+        if one.store:
             lss.store()
         typer.echo(f"{address}: node-ID {new} takes effect with its next reset of communication")
 
@@ -259,9 +271,7 @@ def node_id(
 @lss_app.command(epilog=READ_EPILOG)
 def bit_rate(
     new: Annotated[str, typer.Argument(metavar="RATE", help="The new bit rate: 1M, 500k, 125k.")],
-    one: OneNode,
-    *,
-    yes: YesOption = False,
+    one: ChangedNode,
 ) -> None:
     """Give a node a bit rate, and store it.
 
@@ -277,7 +287,9 @@ def bit_rate(
         raise fail(str(error), ExitStatus.USAGE) from None
 
     def change(lss: Lss, address: LssAddress) -> None:
-        confirm(f"give {address} {rate} bit/s and store it? At another rate than its bus, the node cannot be reached.", yes=yes)
+        confirm(
+            f"give {address} {rate} bit/s and store it? At another rate than its bus, the node cannot be reached.", yes=one.yes
+        )
         lss.configure_bit_rate(rate)
         lss.store()
         typer.echo(f"{address}: {rate} bit/s take effect after the node is switched off and on")

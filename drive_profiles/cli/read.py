@@ -221,7 +221,8 @@ def backup(
 
     wanted = class_names(classes)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise fail(f"{out} already exists and is not empty; nothing was written", ExitStatus.FILE)
+        what = "already exists and is not empty" if out.is_dir() else "is a file; expected a folder"
+        raise fail(f"{out} {what}; nothing was written", ExitStatus.FILE)
     with exit_on_error(), SdoBus(bus, timeout_s) as opened:
         there = opened.answering(node or range(1, 128))
         if silent := sorted(set(node or ()) - set(there)):

@@ -172,13 +172,13 @@ def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Folder
     Example: drive-profiles pages --out docs/drives
     """
     from drive_profiles.family.profile import Profile, available
+    from drive_profiles.files.safefile import write_atomically
     from drive_profiles.pages import written
 
     with exit_on_error():
         files = written([Profile.load(name) for name in available()])
-    out.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        (out / name).write_text(text, encoding="utf-8")
+        for name, text in files.items():
+            write_atomically(out / name, text.encode(), force=True)
     typer.echo(f"{len(files)} pages in {out}")
 
 

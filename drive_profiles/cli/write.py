@@ -148,7 +148,10 @@ def upload(
     if len(set(node)) != len(node):
         raise fail(f"--node {' --node '.join(map(str, node))}: a drive is given twice; give each node once", ExitStatus.USAGE)
     if len(sets) not in {1, len(node)}:
-        raise fail(f"{len(sets)} parameter sets for {len(node)} nodes; give one for all, or one for each", ExitStatus.USAGE)
+        raise fail(
+            f"{len(sets)} parameter sets for {len(node)} node{'s' * (len(node) > 1)}; give one for all, or one for each",
+            ExitStatus.USAGE,
+        )
     if reset and not store:
         raise fail("--reset without --store would only undo the upload; give --store as well", ExitStatus.USAGE)
     options = UploadOptions(

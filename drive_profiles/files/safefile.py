@@ -45,9 +45,7 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
             raise
         _sync_folder(path.parent)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        problem = Problem(0, "", f"cannot be written ({reason})", "a place that can be written")
-        raise FileError(path, (problem,)) from error
+        raise _unwritable(path, error) from error
 
 
 def write_json(path: Path, document: object, *, force: bool = False) -> None:
@@ -82,8 +80,15 @@ def check_writable(path: Path) -> None:
             file.write(b" ")
             file.flush()
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileError(path, (Problem(0, "", f"cannot be written ({reason})", "a place that can be written"),)) from error
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError | ValueError) -> FileError:
+    if isinstance(error, FileExistsError | NotADirectoryError):  # from making its folder
+        file = next((each for each in path.parents if each.exists()), path.parent)
+        return FileError(path, (Problem(0, "", f"cannot be written: {file} is a file", "a folder"),))
+    reason = error.strerror if isinstance(error, OSError) else str(error)
+    return FileError(path, (Problem(0, "", f"cannot be written ({reason})", "a place that can be written"),))
 
 
 def _sync_folder(path: Path) -> None:

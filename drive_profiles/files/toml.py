@@ -219,7 +219,7 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
                 problem = Problem(line, _dotted((*path, location[-1])), "is missing", _kind(model, location))
                 missing.append((location, problem))
             case _:
-                problem = Problem(line, _dotted(path), *_wrong_value(detail, model))
+                problem = Problem(line, _dotted(path), *wrong_value(detail))
                 # of a value that may be of several types each says so
                 same = next((row for row, each in enumerate(found) if each[:3] == problem[:3]), None)
                 if same is None:
@@ -266,7 +266,8 @@ def _unknown_key(key: str, known: Mapping[str, object]) -> tuple[str, str, str]:
     return f"unknown key {reprlib.repr(key)}{hint}", f"one of {listed}" if known else listed, close[0] if close else ""
 
 
-def _wrong_value(detail: Mapping[str, Any], model: type[pydantic.BaseModel]) -> tuple[str, str]:
+def wrong_value(detail: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what pydantic found in place of a value, and what it expected."""
     found, context = f"found {_shown(detail['input'])}", detail.get("ctx", {})
     location: KeyPath = detail["loc"]
     unit = _unit_of(location)

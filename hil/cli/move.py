@@ -52,6 +52,7 @@ def move(
 
         from hil.experiments.move import MoveRequest, make_move, plan_move  # noqa: PLC0415
         from hil.experiments.position_before import position_before  # noqa: PLC0415
+        from hil.master.whereabouts import rev_text  # noqa: PLC0415
         from hil.results.base import LOG_FILE  # noqa: PLC0415
 
         where = console.result_directory(out, f"move-axis{axis}", force=force)
@@ -73,6 +74,6 @@ def move(
         if as_json:
             typer.echo(json.dumps({"axis": axis, "from_rev": planned.from_rev, "stands_at_rev": stands_rev}))
         else:
-            typer.echo(f"axis {axis} is at {stands_rev:.2f} rev")
+            typer.echo(f"axis {axis} is at {'an unknown position' if stands_rev is None else f'{rev_text(stands_rev)} rev'}")
         if not planned.is_there and outcome.not_restored:
             raise typer.Exit(ExitStatus.SDO)

@@ -23,6 +23,7 @@ from hil.arm.tables import ArmTable
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedArm, IdentifiedAxis, IdentifiedPlant, stiffness_of
 from hil.control.notch import NOTCH_OFF
+from hil.counting import axes_in_words
 from hil.design.coupled.loops import POLE_SPEEDS, ArmCase, ArmLoops, Other
 from hil.design.coupled.structure import Structure
 from hil.design.frequency import Loop, TwoInertia
@@ -172,13 +173,13 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
     rigid = [number for number in masses.arm.axes if number not in elastic]
     if rigid:
         notes.append(
-            f"axis {axis}: {_axes_words(rigid)} taken as rigid, because no model is given; the arm's real "
+            f"axis {axis}: {_are(rigid)} taken as rigid, because no model is given; the arm's real "
             f"resonances are lower than computed"
         )
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:
         unknown = [number for number in numbers if number != axis and number not in laws]
-        notes.append(f"axis {axis}: {_axes_words(unknown)} without known gains; margins with their loops closed are not computed")
+        notes.append(f"axis {axis}: {_are(unknown)} without known gains; margins with their loops closed are not computed")
     cases: list[ArmCase] = []
     filtered: list[ArmCase] = []
     for posture in postures:
@@ -291,13 +292,11 @@ def _along_words(fraction: float) -> str:
     return f"at {100.0 * fraction:g} % of the line"
 
 
+def _are(numbers: Sequence[int]) -> str:
+    return f"{axes_in_words(numbers)} {'is' if len(numbers) == 1 else 'are'}"
+
+
 def _factor_words(factor: float) -> str:
     if factor == 1.0:
         return ""
     return f", frequencies {100.0 * (factor - 1.0):+.2g} %".replace("-", "−")
-
-
-def _axes_words(numbers: Sequence[int]) -> str:
-    if len(numbers) == 1:
-        return f"axis {numbers[0]} is"
-    return f"axes {', '.join(map(str, numbers[:-1]))} and {numbers[-1]} are"

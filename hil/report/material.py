@@ -11,6 +11,7 @@ import numpy as np
 
 from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
 from hil.control.treatments import LoopName, treatment
+from hil.counting import counted
 from hil.design.ate.identification import JointEstimate, identify_one_way
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
@@ -266,7 +267,7 @@ class Material:
             key: np.interp(row, row[~hole], recording.columns[key][~hole]) if not hole.all() else np.zeros(len(row))
             for key, hole in holes.items()
         }
-        self.notes.append(f"{name}: {count} samples are missing; the figures interpolate them linearly.")
+        self.notes.append(f"{name}: {counted(count, 'sample')} {'is' if count == 1 else 'are'} missing; the figures interpolate.")
         return Recording(columns)
 
     def estimate(self, axis: int) -> JointEstimate | None:

@@ -32,11 +32,14 @@ def result_directory(
     A directory with the files of another command is refused. `remedy` is for the message.
 
     Raises:
-        NotPossibleError: It holds a result, recordings or a log.
+        NotPossibleError: It holds a result, recordings or a log, or it is a file, or below one.
     """
     if out is None:
         return Path("bench-out") / f"{datetime.datetime.now(datetime.UTC):%Y%m%dT%H%M%SZ}-{name}"
     folder = Path(out)
+    there = next((each for each in (folder, *folder.parents) if each.exists()), folder)
+    if there.exists() and not there.is_dir():
+        raise NotPossibleError(f"{there} is a file; expected a folder; name another one")
     found = next((path for pattern in _FILES_OF_A_RESULT for path in sorted(folder.glob(pattern))), None)
     if found is not None and not force:
         raise NotPossibleError(f"{found} already exists, from an earlier command; name another directory, or {remedy}")

@@ -204,7 +204,7 @@ class TourNotch(ResultPart):
             misses = f"misses {self.missed[0]}"
             if len(self.missed) > 1:
                 misses = f"misses {len(self.missed)} requirements. The worst: {self.missed[0]}"
-            return f"Axis {self.axis}: the bench file's notch is not used, since it {misses}."
+            return f"Axis {self.axis}: the design does not keep the bench file's notch, since it {misses}."
         given = f"{self.given_mm:.3f} mm for the bench file's notch"
         return f"Axis {self.axis}: the design predicted {self.designed_mm:.3f} mm, and {given}."
 

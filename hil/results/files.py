@@ -1,12 +1,14 @@
 """Reading of result files by the class that wrote them."""
 
 import json
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from drive_profiles.files.toml import wrong_value
 from hil.errors import FileProblemError
 from hil.results.arm import ArmResult
 from hil.results.ate import AteResult
@@ -145,7 +147,12 @@ def load_result(directory: Path, kind: type[R], what: str) -> R:
     return result
 
 
+def _problem(detail: Mapping[str, Any]) -> str:
+    said = {"missing": "is missing", "extra_forbidden": "is an unknown key"}
+    return said.get(detail["type"]) or "; expected ".join(filter(None, wrong_value(detail)))
+
+
 def _problems(error: ValidationError) -> str:
-    problems = [f"{'.'.join(map(str, each['loc'][1:] or each['loc']))}: {each['msg']}" for each in error.errors()]
+    problems = [f"{'.'.join(map(str, each['loc'][1:] or each['loc']))}: {_problem(dict(each))}" for each in error.errors()]
     more = "" if len(problems) <= SHOWN_PROBLEMS else f"; and {len(problems) - SHOWN_PROBLEMS} more"
     return "; ".join(problems[:SHOWN_PROBLEMS]) + more

@@ -40,12 +40,15 @@ def following(
     Example: plant-emulator following --seed 1 --robots 100 --law observer --out following.csv
     """
     with exit_on_error():
+        from drive_profiles.files.safefile import check_writable
         from plant_emulator.rehearsal.following.study import LAWS, outcomes, summary
 
         laws = tuple(law or LAWS)
         unknown = [name for name in laws if name not in LAWS]
         if unknown:
             raise fail(f"no law {unknown[0]!r}; expected one of {', '.join(LAWS)}", EmulatorExitStatus.USAGE)
+        if out is not None and (out.is_file() or out.is_dir() or not out.exists()):  # before hours of simulation; not a device
+            check_writable(out)
         found: list[Outcome] = []
         with progress("robots", robots) as step:
             for seed in range(first, first + robots):

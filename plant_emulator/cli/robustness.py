@@ -124,13 +124,15 @@ def robustness(
     if is_line and axis is not None:
         raise fail("--axis: the line motion moves all axes of the arm", EmulatorExitStatus.USAGE)
     with exit_on_error():
+        from drive_profiles.files.safefile import check_writable, naming
         from drive_profiles.files.toml import load
         from plant_emulator.robots.robot import load_robot
+        from plant_emulator.robots.tuning import load_tuning, own_tuning
         from plant_emulator.studies.robustness import Study
         from plant_emulator.studies.spread import PlantSpread
 
         model = load_robot(robot)
-        tuned = _tuned(robot, model, tuning)
+        tuned = own_tuning(robot, model) if tuning is None else dict(load_tuning(tuning).axis)
         filters = _filters(tuned, notch)
         numbers: list[int | None] = [None] if is_line else [*_axes(axis, model, filters)]
         if with_filters:
@@ -142,23 +144,15 @@ def robustness(
                 Study(model, number, controls, filters if with_filters else {}, reach, seed, tip_mm, area_percent)
                 for number in numbers
             ]
+        if out is not None:  # what cannot be written is refused before hours of simulation
+            with naming(out):
+                out.mkdir(parents=True, exist_ok=True)
+            check_writable(out / "robustness.json")
         if only is not None:
             _one(studies, only, out, as_json=as_json)
         else:
             options = {"--robot": robot, "--treatment": treatment, "--tuning": tuning, "--notch": notch, "--spread": spread}
             _many(studies, runs, executors_of(on, jobs), options, out, as_json=as_json)
-
-
-def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxis"]:
-    """Return gains and filters by axis.
-
-    They are those of the given file, else the robot's own; those of the reference robot are in a file beside it.
-    """
-    from plant_emulator.robots.tuning import load_tuning, robot_tuning
-
-    if given is None and name == "reference":
-        return dict(load_tuning("reference").axis)
-    return robot_tuning(model) if given is None else dict(load_tuning(given).axis)
 
 
 def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[int, tuple["Notch", ...]]:

@@ -30,21 +30,23 @@ def simulate(
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """
     from plant_emulator.robots.robot import load_robot  # noqa: PLC0415 - --help must not wait for numpy
+    from plant_emulator.robots.tuning import own_tuning  # noqa: PLC0415
     from plant_emulator.studies.simulate import axis_columns  # noqa: PLC0415
     from plant_emulator.studies.simulate import simulate as run  # noqa: PLC0415
     from plant_emulator.trials.rows import columns_csv  # noqa: PLC0415
 
     with exit_on_error():
         model = load_robot(robot)
-        controls = {number: table.control for number, table in model.axis.items() if table.control is not None}
-        filters = {number: (table.notch,) for number, table in model.axis.items() if notch and table.notch is not None}
+        own = own_tuning(robot, model)
+        controls = {number: table.control for number, table in own.items() if table.control is not None}
+        filters = {number: table.notch for number, table in own.items() if notch and table.notch}
         try:
             with exit_on_value_error():
                 result = run(model, axis, controls=controls, notches=filters, sync_period_s=sync_period_s)
         except KeyError as error:
-            raise fail(
-                f"{robot}: axis.{error.args[0]}: no control table; a simulation needs the gains", EmulatorExitStatus.FILE
-            ) from None
+            place = f"axis.{error.args[0]}"
+            needs = f"{robot}: {place}: no control table; a simulation needs the gains: add [{place}.control]"
+            raise fail(needs, EmulatorExitStatus.FILE) from None
         tip = {f"tip_{name}_m_s2": result.tip_acceleration_m_s2[:, column] for column, name in enumerate("xyz")}
         columns = {"time_s": result.time_s} | axis_columns(result.axes, result.reference_counts, result) | tip
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -74,6 +74,11 @@ def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
     return robot.model_copy(update={"axis": {**robot.axis, **axes}})
 
 
+def own_tuning(name: str, robot: Robot) -> dict[int, TunedAxis]:
+    """Return gains and filters by axis from the robot file; those of `reference` are in a file beside it."""
+    return dict(load_tuning(name).axis) if name == "reference" else robot_tuning(robot)
+
+
 def robot_tuning(robot: Robot) -> dict[int, TunedAxis]:
     """Return gains and filters by axis from the robot file."""
     found = {}

@@ -49,7 +49,7 @@ class PseudoTerminal:
         if path.is_symlink() and os.readlink(link).startswith("/dev/pts/"):
             path.unlink()
         elif path.is_symlink() or path.exists():
-            raise FileExistsError(f"{link} exists and is not a link to a pseudo-terminal")
+            raise FileExistsError(f"{link} exists and is not a link to a pseudo-terminal; choose another path")
         path.symlink_to(self._name)
         return link
 

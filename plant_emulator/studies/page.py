@@ -53,6 +53,7 @@ def _distribution(panel: Axes, summary: Summary) -> None:
         panel.plot([nominal], [0.0], marker="^", color=style.BLACK, linestyle="none", clip_on=False, zorder=5, label="robot file")
     panel.set_xlabel(f"{'reduction of the spectrum’s area' if study.is_by_area else 'tip peak'} in {unit}")
     panel.set_ylabel("plants")
+    panel.xaxis.set_major_locator(MaxNLocator(nbins=6))
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 

@@ -92,7 +92,7 @@ def order_maps(
         "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of order k "
         f"shows at that height and grows where it crosses the resonance. {dashed} Dotted: other frequencies. "
         f"{below}"
-        "Because of the window of two turns an order appears about ±1 wide."
+        f"Because of the window of two turns an order appears about ±1 wide. Blank: below {levels[1]:.2g} m/s²."
     )
     return style.drawing(figure, key, title, caption, is_zoomable=True)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from hil.counting import axes_in_words
 from hil.recording import Recording
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
@@ -106,15 +107,15 @@ def passes(result: LearningResult) -> ReportTable:
 
 def verdict(result: LearningResult) -> PageVerdict:
     """Verdict at the top of the page."""
-    names = " and ".join(str(each.axis) for each in result.learnt)
-    learnt = [f"In the model file {result.model}: axis {names}."] if result.learnt else []
+    names = axes_in_words([each.axis for each in result.learnt]) if result.learnt else ""
+    learnt = [f"In the model file {result.model}: {names}."] if result.learnt else []
     learnt += [f"Axis {each.axis}: {words}." for each in result.learnt for words in each.kept]
     learnt += [f"Left out: {words}." for each in result.learnt for words in each.left_out]
     if result.stopped is not None:
         return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:
         return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
-    return PageVerdict("good", "✔", f"The cancellation of axis {names} is learnt", tuple(learnt))
+    return PageVerdict("good", "✔", f"The cancellation of {names} is learnt", tuple(learnt))
 
 
 def cards(result: LearningResult) -> list[Card]:

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
+from hil.counting import axes_in_words
 from hil.report.figures import ate as figures_ate
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import Columns, Mark, ReportTable, number, tabulate
 from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
 
-RUN_WORDS = {"base": "untreated", "probe": "probing", "applied": "with the cancellation"}
+RUN_WORDS = {"base": "none", "probe": "probing", "applied": "as learnt so far"}
 
 
 def page_of(_: Path, result: MotionLearningResult) -> Page:
@@ -27,11 +28,11 @@ PARTS: Columns[ProbedPart] = (
     ("", lambda part: f"axis {part.axis}"),
     ("Order", lambda part: f"{part.order:g}"),
     ("A (arcsec)", lambda part: number(part.a_arcsec, "{:.2f}")),
-    ("±", lambda part: number(part.a_error_arcsec, "{:.2f}")),
+    ("± (arcsec)", lambda part: number(part.a_error_arcsec, "{:.2f}")),
     ("φ (°)", lambda part: number(part.phi_deg, "{:.1f}")),
-    ("±", lambda part: number(part.phi_error_deg, "{:.1f}")),
+    ("± (°)", lambda part: number(part.phi_error_deg, "{:.1f}")),
     ("Seen (%)", lambda part: number(100.0 * part.seen_fraction, "{:.0f}")),
-    ("", lambda part: part.outcome),
+    ("Result", lambda part: part.outcome),
 )
 
 
@@ -48,7 +49,7 @@ def parts(result: MotionLearningResult) -> ReportTable:
 RUNS: Columns[ProbingRun] = (
     ("Run", lambda run: str(run.number)),
     (
-        "",
+        "Cancellation",
         lambda run: (
             RUN_WORDS[run.what] + ("" if run.pace == 1.0 else f", {run.pace:g} × the time") + (", kept" if run.is_kept else "")
         ),
@@ -78,8 +79,8 @@ def verdict(result: MotionLearningResult) -> PageVerdict:
         return PageVerdict("bad", "■", "A run was stopped", (result.stopped,))
     if result.not_learnt is not None:
         return PageVerdict("bad", "✘", "Nothing is learnt", (result.not_learnt,))
-    names = " and ".join(str(each.axis) for each in result.learnt)
-    return PageVerdict("good", "✔", f"The cancellation of axis {names} is learnt", (f"In the model file {result.model}.", *left))
+    names = axes_in_words([each.axis for each in result.learnt])
+    return PageVerdict("good", "✔", f"The cancellation of {names} is learnt", (f"In the model file {result.model}.", *left))
 
 
 def cards(result: MotionLearningResult) -> list[Card]:
@@ -90,7 +91,8 @@ def cards(result: MotionLearningResult) -> list[Card]:
     before, after = result.base_peak_mm, kept.tip_peak_mm
     change = f"{100.0 * (after / before - 1.0):+.0f} % peak".replace("-", "−")
     mark = Mark(after < before, f"after {len(result.runs)} runs")
-    return [Card(f"{result.motion}, worst direction", f"{before:.4f}", "mm", (CardStep(f"{after:.4f}", change, mark),))]
+    title = f"{result.motion.replace('-', ' ')}, worst direction"
+    return [Card(title, f"{before:.4f}", "mm", (CardStep(f"{after:.4f}", change, mark),))]
 
 
 def provenance(result: MotionLearningResult) -> list[tuple[str, str]]:

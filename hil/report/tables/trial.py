@@ -24,7 +24,7 @@ def _row(name: str, part: TrialPart) -> list[Cell]:
     mark = {"accepted": True, "refused": False, "not judged": None}[part.verdict]
     return [
         name,
-        f"axis {part.axis}, {part.order:g}",
+        f"axis {part.axis}, k = {part.order:g}",
         number(100.0 * part.expected_fall_fraction, "{:.0f}"),
         *_both(100.0 * part.fall_fraction, 100.0 * part.fall_error),
         *_both(100.0 * part.left_fraction, 100.0 * part.left_error),

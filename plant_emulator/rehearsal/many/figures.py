@@ -69,8 +69,9 @@ def tips(rows: Sequence[Row]) -> Drawing | None:
         for treatment in (*TREATMENTS, "floor"):
             ratios = _ratios(own, treatment)
             if ratios:
-                reached = np.arange(1, len(ratios) + 1) / len(own)
-                panel.step(np.sort(ratios), reached, where="post", label=TREATMENT_NAMES[treatment], **TIP_LINES[treatment])
+                reached = np.arange(len(ratios) + 1) / len(own)
+                rising = np.sort([min(ratios), *ratios])  # from 0 %
+                panel.step(rising, reached, where="post", label=TREATMENT_NAMES[treatment], **TIP_LINES[treatment])
         panel.axvline(1.0, **style.LIMIT)
         panel.set_xscale("log")
         panel.set(xlabel="True tip / goal", ylim=(0.0, 1.02))

@@ -22,16 +22,16 @@ def seeds_of(text: str) -> tuple[int, ...]:
     for part in text.split(","):
         span = _SPAN.fullmatch(part.strip())
         if span is None or not part.isascii():
-            raise ValueError(f"{text}: expected a comma-separated list of seeds such as 7 or 1-40,50")
+            raise ValueError(f"seeds {text}: expected a comma-separated list of seeds such as 7 or 1-40,50")
         first, last = int(span[1]), int(span[2] or span[1])
         if last < first:
-            raise ValueError(f"{text}: {part.strip()} ends before it begins")
+            raise ValueError(f"seeds {text}: {part.strip()} ends before it begins")
         if last > LARGEST_SEED:
-            raise ValueError(f"{text}: the largest seed is {LARGEST_SEED}")
+            raise ValueError(f"seeds {text}: the largest seed is {LARGEST_SEED}")
         if len(found) + last - first + 1 > MOST_SEEDS:
-            raise ValueError(f"{text}: expected at most {MOST_SEEDS} robots")
+            raise ValueError(f"seeds {text}: expected at most {MOST_SEEDS} robots")
         named = range(first, last + 1)
         if twice := found.intersection(named):
-            raise ValueError(f"{text}: seed {min(twice)} is named twice")
+            raise ValueError(f"seeds {text}: seed {min(twice)} is named twice")
         found.update(named)
     return tuple(sorted(found))

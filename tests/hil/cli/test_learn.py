@@ -45,7 +45,7 @@ def test_a_model_file_of_another_robot_is_left_alone(tmp_path: Path) -> None:
         (["--motion", "line-motion", "--axis", "2"], 2, "a line-motion takes no --axis"),
         (["--axis", "2", "--pace", "0.75"], 2, "--pace is for --motion line-motion"),
         (["--motion", "line-motion", "--pace", "1"], 2, "--pace 1 is the line's own"),
-        (["--motion", "line-motion", "--pace", "0.1"], 2, "greater than or equal to 0.5"),
+        (["--motion", "line-motion", "--pace", "0.1"], 2, "'0.1': expected at least 0.5"),
         (["--motion", "constant-acceleration"], 2, "needs one --axis"),
         (["--motion", "line-motion", "--probe-arcsec", "0"], 2, "probe-arcsec"),
         (["--motion", "line-motion", "--motor-inertia-kg-m2", "2.6e-4"], 2, "2=2.6e-4 for axis 2"),

@@ -155,7 +155,7 @@ def test_the_tour_of_an_earlier_demo_is_left_alone(full_directory, tmp_path):
             ("M_s 1.9, at most 1.7 required", "phase margin 28 deg, at least 30 deg required"),
             [
                 "Axis 2, constant acceleration: the designed notch leaves 0.060 mm, the bench file's notch 0.046 mm.",
-                "Axis 2: the bench file's notch is not used, since it misses 2 requirements. "
+                "Axis 2: the design does not keep the bench file's notch, since it misses 2 requirements. "
                 "The worst: M_s 1.9, at most 1.7 required.",
             ],
         ),
