@@ -3,6 +3,7 @@
 A served robot ends with our process; a drawn one follows from a seed.
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -89,6 +90,7 @@ class EmulatorProcess:
                 [sys.executable, "-m", "plant_emulator", "serve", "--robot", self.robot, "--bus", str(self.address),
                  "--until-stdin-closes", *self._options],
                 stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=sink, text=True, start_new_session=True,
+                env={name: value for name, value in os.environ.items() if name != "HIL_BUS"},  # its address is given
             )  # fmt: skip
         deadline = time.monotonic() + START_TIMEOUT_S
         while not self._answers():

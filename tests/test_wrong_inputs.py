@@ -82,6 +82,16 @@ COMMANDS = {
         hil, ("identify", "ate", "--axis", "2", "--recording", "columns.csv", "--bench", "reference", "--model", "m.toml"), 3,
         "columns.csv: no column is recognised as motor; give --column motor=NAME,UNIT; there are a, b",
     ),
+    "an excitation of no torque": (hil, (*IDENTIFY, "--amplitude-nm", "-1"), 3, "excitation of -1 N·m; expected more than 0"),
+    "a limit of 0": (
+        hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--tip-mm", "0"), 2, "tip_mm = 0.0 must be above 0",
+    ),
+    "an axis that no bench has": (
+        hil, ("compare", "--bench", "reference", "--axis", "9", *NOWHERE), 3, "has no axis 9; it has 2, 3, 5",
+    ),
+    "an emulator that does not start": (
+        hil, ("compare", "--bench", "reference", "--emulate", "no.toml"), 4, "the emulator did not start: no.toml: cannot",
+    ),
     "an unknown treatment": (
         hil, ("compare", "--bench", "reference", *NOWHERE, "--treatment", "none,cake"), 2, "--treatment cake: expected one of",
     ),
@@ -114,7 +124,7 @@ COMMANDS = {
     ),
     "a file for EDS files": (plant_emulator, ("eds", "--out", "x.log"), 3, "x.log: is a file; expected a folder"),
     "a file for a fleet": (plant_emulator, ("fleet", "--seed", "1", "--out", "x.log"), 3, "x.log is a file; expected a folder"),
-    "a file for a study": (plant_emulator, ("robustness", "--out", "x.log"), 3, "x.log: is a file; expected a folder"),
+    "a file for a study": (plant_emulator, ("robustness", "--out", "x.log"), 3, "x.log is a file; expected a folder"),
     "a folder for a study": (plant_emulator, ("following", "--out", "old"), 3, "old: is not a regular file"),
     "a robot without gains": (
         plant_emulator, ("simulate", "--robot", "reference-arm", "--out", "o.csv"), 3, "a simulation needs the gains: add [axis.",

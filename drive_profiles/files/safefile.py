@@ -64,6 +64,19 @@ def naming(path: Path) -> Iterator[None]:
         raise
 
 
+def make_writable(folder: Path, name: str) -> None:
+    """Make a folder, and check that a file can be written to it later.
+
+    Raises:
+        FileError: It cannot be made, or nothing can be written there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise _unwritable(folder, error) from error
+    check_writable(folder / name)
+
+
 def check_writable(path: Path) -> None:
     """Check, by a temporary file, that a file can be written later.
 
@@ -85,7 +98,7 @@ def check_writable(path: Path) -> None:
 
 def _unwritable(path: Path, error: OSError | ValueError) -> FileError:
     if isinstance(error, FileExistsError | NotADirectoryError):  # from making its folder
-        file = next((each for each in path.parents if each.exists()), path.parent)
+        file = next((each for each in (path, *path.parents) if each.exists() and not each.is_dir()), path)
         return FileError(path, (Problem(0, "", f"cannot be written: {file} is a file", "a folder"),))
     reason = error.strerror if isinstance(error, OSError) else str(error)
     return FileError(path, (Problem(0, "", f"cannot be written ({reason})", "a place that can be written"),))

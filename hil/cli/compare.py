@@ -90,6 +90,9 @@ def compare(
             raise fail("--live shows one robot; give one --bench", ExitStatus.USAGE)
         where = console.result_directory(given.out, "compare", force=given.force)
         benches = [load_bench(name) if emulate else console.bench_on(name, bus) for name in bench_file]
+        for number in axis or ():
+            if not any(number in each.axis for each in benches):
+                benches[0].check_axis(number)
 
         from hil.experiments.comparison.plan import KnownRobot, plan
 

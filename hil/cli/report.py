@@ -8,6 +8,7 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say, say_left_out
+from hil.counting import counted
 
 REPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.INTERRUPTED),
@@ -94,7 +95,7 @@ def _write_trend(folder: Path) -> None:
 
     gathered = gather_runs(folder)
     say_left_out(gathered.left_out, "results")
-    say(f"{gathered.results} results with runs")
+    say(f"{counted(gathered.results, 'result')} with runs")
     typer.echo(str(write_trend(folder, gathered)))
 
 

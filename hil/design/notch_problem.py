@@ -63,9 +63,10 @@ class Requirements:
             raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1")
         if not 0.0 <= self.phase_margin_deg < 90.0:
             raise ValueError(f"phase_margin_deg = {self.phase_margin_deg} is not within 0 … 90")
-        for name in ("gain_margin_db", "tip_mm"):
-            if not (getattr(self, name) >= 0.0 and math.isfinite(getattr(self, name))):
-                raise ValueError(f"{name} = {getattr(self, name)} must not be below 0")
+        if not 0.0 <= self.gain_margin_db < math.inf:
+            raise ValueError(f"gain_margin_db = {self.gain_margin_db} must not be below 0")
+        if not 0.0 < self.tip_mm < math.inf:
+            raise ValueError(f"tip_mm = {self.tip_mm} must be above 0")
 
 
 @dataclass(frozen=True)

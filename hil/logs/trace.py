@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.standard.cia301 import FunctionCode
+from drive_profiles.standard.cia402 import State, state_of
 from hil.logs.log import Log, Stream
 from hil.logs.nodes import Node, Pdo, nodes_of
 from hil.logs.overheard import Event, overheard
@@ -85,6 +86,18 @@ class Trace:
             return stream
         rows = stream.length >= least
         return stream.only(rows)
+
+    def enabled_at(self, node: Node, stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_] | None:
+        """True where a node's last status word up to an instant says enabled; None if the log has none.
+
+        Frames of one lock-step cycle have the same stamp.
+        """
+        placed = node.pdo_with("tpdo", 0x6041)
+        if placed is None or not len(stream := self.of(placed[0])):
+            return None
+        rows = np.searchsorted(stream.stamp_ns, stamps_ns, side="right") - 1
+        words = placed[1].of(stream)[np.maximum(rows, 0)]
+        return (rows >= 0) & np.array([state_of(int(word)) is State.OPERATION_ENABLED for word in words], dtype=np.bool_)
 
     @cached_property
     def sync(self) -> Stream:

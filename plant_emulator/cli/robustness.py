@@ -124,7 +124,7 @@ def robustness(
     if is_line and axis is not None:
         raise fail("--axis: the line motion moves all axes of the arm", EmulatorExitStatus.USAGE)
     with exit_on_error():
-        from drive_profiles.files.safefile import check_writable, naming
+        from drive_profiles.files.safefile import make_writable
         from drive_profiles.files.toml import load
         from plant_emulator.robots.robot import load_robot
         from plant_emulator.robots.tuning import load_tuning, own_tuning
@@ -145,9 +145,7 @@ def robustness(
                 for number in numbers
             ]
         if out is not None:  # what cannot be written is refused before hours of simulation
-            with naming(out):
-                out.mkdir(parents=True, exist_ok=True)
-            check_writable(out / "robustness.json")
+            make_writable(out, "robustness.json")
         if only is not None:
             _one(studies, only, out, as_json=as_json)
         else:
@@ -197,6 +195,8 @@ def _many(
     try:
         with trials("plants", runs * len(studies), executors) as step:
             judged = judge_all(studies, runs, executors, step)
+    except typer.Exit:  # is a RuntimeError too; it has its own message
+        raise
     except RuntimeError as error:
         raise fail(f"{error}; run it alone with --only", EmulatorExitStatus.INTERNAL) from None
     summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]

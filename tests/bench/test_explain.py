@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +111,29 @@ def test_clean_logs_of_other_rates_and_motions_have_nothing_wrong(tmp_path, moti
     made = line_motion(setup, period_s) if motion is line_motion else constant_acceleration(setup, 2, period_s)
     found = explain(open_log(log_of(tmp_path, made, setup)), {}, RATE)
     assert [each.words for each in found.findings] == []
+
+
+def test_stamps_of_whole_seconds_are_read_without_an_error(tmp_path, clean):
+    path = tmp_path / "coarse.log"
+    path.write_text(re.sub(r"\((\d+)\.\d+\)", r"(\1.000000)", clean.read_text()))
+    assert explain(open_log(path), {}, RATE).findings
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rate", "runs"), [(None, 24), (RATE, 3)])
+def test_a_log_of_several_runs_has_nothing_wrong_where_no_drive_is_enabled(tmp_path, rate, runs):
+    """Between two runs the set-point goes from the end of one to the place where the motor stands, in a frame."""
+    setup = bench()
+    world = World(load_robot("reference"))
+    channel = InProcessChannel(world, medium_for(world, rate))
+    log = BusLog(tmp_path / "bus.log", "can0")
+    with Session(setup, channel, log) as session:
+        session.bring_up()
+        for _ in range(runs):
+            assert session.run(constant_acceleration(setup, 2, T_S), "none", "drive").stopped is None
+    log.write()
+    found = explain(open_log(tmp_path / "bus.log"), {}, RATE)
+    assert not {"set-point-jump", "two-masters", "too-fast", "nmt-while-working"} & set(kinds(found)), found.findings
 
 
 def log_of_drawn(folder, seed):

@@ -79,6 +79,11 @@ class PlantRequest:
     with_accelerometer: bool = True
     posture_deg: Mapping[int, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Refuse an amplitude that is not above 0."""
+        if self.amplitude_nm is not None and not self.amplitude_nm > 0.0:
+            raise NotPossibleError(f"an excitation of {self.amplitude_nm:g} N·m; expected more than 0 (--amplitude-nm)")
+
 
 @dataclass(frozen=True)
 class Band:

@@ -154,6 +154,9 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
             continue
         once, twice = np.abs(np.diff(values).astype(np.float32))[1:], np.abs((values[2:] - values[:-2]).astype(np.float32))
         torn = np.flatnonzero((once > 1000.0) & (twice < 0.1 * once))
+        torn = torn[
+            np.isin(torn + 1, torn) | np.isin(torn - 1, torn)
+        ]  # one alone is a set-point that was reset between two motions
         if len(torn) > LEAST_FRAMES:
             yield Finding(
                 "two-masters", Severity.FAULT,

@@ -73,6 +73,8 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
         step = np.diff(target)
         is_even = np.diff(stamp_ns) < 1.5 * cycles.period_ns  # over a missing set-point the next step is longer
         fast = np.flatnonzero((np.abs(step) > allowed + 1.0) & is_even)
+        enabled = trace.enabled_at(node, stamp_ns[fast + 1])
+        fast = fast if enabled is None else fast[enabled]
         if len(fast) >= LEAST_FRAMES:
             yield Finding(
                 "too-fast", Severity.FAULT,

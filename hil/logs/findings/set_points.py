@@ -53,7 +53,7 @@ def _of_one(trace: Trace, node: Node, pdo: Pdo, entry: MappedNumber, name: str) 
     del rhythm  # of an hour it is large
     yield from _pace(trace, stream, node, name)
     if entry.address[0] in {0x607A, 0x60C1}:
-        yield from _steps(stream, entry.of(stream), node, name)
+        yield from _steps(trace, stream, entry.of(stream), node, name)
 
 
 def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, pdo: Pdo, name: str) -> Iterator[Said]:
@@ -121,6 +121,8 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
         return
     held_s = interpolation_period_s(value, -3 if index is None else index)
     sent_s = float(np.median(np.diff(stream.stamp_ns))) * 1e-9
+    if not sent_s > 0.0:  # stamps coarser than a cycle
+        return
     cycles = trace.cycles
     if cycles is not None and abs(cycles.period_ns * 1e-9 / sent_s - 1.0) < 0.2:
         sent_s = cycles.period_ns * 1e-9
@@ -139,7 +141,7 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
         )  # fmt: skip
 
 
-def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> Iterator[Said]:
+def _steps(trace: Trace, stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> Iterator[Said]:
     """Find repeats and jumps of a moving position from frame to frame."""
     step = np.diff(values).astype(np.float32)
     if len(step) < LEAST_FRAMES or not np.any(np.abs(step) >= MOVES_COUNTS):
@@ -167,6 +169,9 @@ def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> 
     pulse = pulse[~np.isin(pulse + 1, np.concatenate([still, still + 1, still - 1]))]
     distance = np.diff(stream.stamp_ns)  # over a cycle without a set-point the next step is longer
     pulse = pulse[distance[pulse + 1] < LONG * np.median(distance)]
+    # a drive that is not enabled follows no set-point
+    enabled = [trace.enabled_at(node, stream.stamp_ns[pulse + each]) for each in (2, 3)]
+    pulse = pulse[np.any([each for each in enabled if each is not None], axis=0)] if enabled[0] is not None else pulse
     if len(pulse):
         worst = float(np.max(np.abs(change[pulse])))
         yield Finding(

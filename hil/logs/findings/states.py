@@ -125,7 +125,8 @@ def _commands(trace: Trace) -> Iterator[Said]:
     commands = stream.byte(0)
     taking = {NmtCommand.STOP, NmtCommand.ENTER_PRE_OPERATIONAL, NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION}
     rows = np.flatnonzero(np.isin(commands, list(taking)) & (stream.stamp_ns > begin) & (stream.stamp_ns < end))
-    rows = rows[[bool(_worked(trace, int(stream.stamp_ns[row]))) for row in rows]] if len(rows) else rows
+    enabled = [each for node in trace.nodes.values() if (each := trace.enabled_at(node, stream.stamp_ns[rows])) is not None]
+    rows = rows[np.any(enabled, axis=0)] if enabled else rows[:0]
     if len(rows):
         names = ", ".join(sorted({NmtCommand(int(commands[row])).name.lower().replace("_", " ") for row in rows}))
         yield Finding(
@@ -134,16 +135,3 @@ def _commands(trace: Trace) -> Iterator[Said]:
             "disable drives first; check for a second master, or a program that ends without disabling them",
             stamps_of(stream.stamp_ns, rows), len(rows),
         )  # fmt: skip
-
-
-def _worked(trace: Trace, stamp_ns: int) -> bool:
-    """True if any drive was enabled just before an instant."""
-    for node in trace.nodes.values():
-        placed = node.pdo_with("tpdo", 0x6041)
-        if placed is None:
-            continue
-        stream = trace.of(placed[0])
-        row = int(np.searchsorted(stream.stamp_ns, stamp_ns)) - 1
-        if row >= 0 and state_of(int(placed[1].of(stream)[row])) is State.OPERATION_ENABLED:
-            return True
-    return False

@@ -92,7 +92,7 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
             number(lateness_us(run), "{:.0f}"), state,
         ])  # fmt: skip
     header = (
-        "date (UTC)", "folder", "run", "tip peak (mm)", "rms (mm)", "the order (mm)", "f_al (Hz)", "M_s", "gain margin (dB)",
+        "date (UTC)", "folder", "run", "tip peak (mm)", "rms (mm)", "order alone (mm)", "f_al (Hz)", "M_s", "gain margin (dB)",
         "phase margin (°)", "missed", "largest SYNC lateness (µs)", "within",
     )  # fmt: skip
     caption = "The newest first. Margins: from the model with the active filters, the worst over all speeds."

@@ -35,7 +35,7 @@ from plant_emulator.studies.simulate import simulate
 from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_sensor, nominal
 from plant_emulator.studies.summary import document, draws_csv, influences, summarise
 from plant_emulator.studies.tables import tables
-from plant_emulator.trials.executors import LocalProcesses
+from plant_emulator.trials.executors import DaskWorkers, ExecutorsRefusedError, LocalProcesses
 from plant_emulator.trials.statistics import run_fraction
 
 ROBOT, BENCH, TUNING = load_robot("reference"), load_bench("reference"), load_tuning("reference")
@@ -607,3 +607,30 @@ def test_a_study_refuses_a_sensor_that_the_control_period_does_not_show():
     robot = ROBOT.model_copy(update={"accelerometer": ROBOT.accelerometer.model_copy(update={"lowpass_hz": 1900.0})})
     with pytest.raises(ValueError, match="lowpass_hz = 1900 is too high"):
         Study(robot, 2, CONTROLS, NOTCHES)
+
+
+def test_a_scheduler_that_does_not_answer_is_all_that_is_said(monkeypatch):
+    def refuse(self):
+        raise ExecutorsRefusedError("tcp://127.0.0.1:1: no Dask scheduler answers")
+
+    monkeypatch.setattr(DaskWorkers, "__enter__", refuse)
+    done = CliRunner().invoke(app, ["robustness", "--runs", "2", "--axis", "2", "--on", "dask:tcp://127.0.0.1:1"])
+    assert (done.exit_code, done.stderr) == (4, "tcp://127.0.0.1:1: no Dask scheduler answers\n")
+
+
+def test_a_study_refuses_a_folder_that_it_cannot_write_before_it_simulates(tmp_path, monkeypatch):
+    monkeypatch.setattr("plant_emulator.studies.robustness.judge_all", lambda *_: pytest.fail("it has simulated"))
+    (tmp_path / "file").write_text("precious")
+    done = CliRunner().invoke(app, ["robustness", "--axis", "2", "--out", str(tmp_path / "file")])
+    assert done.exit_code == 3
+    assert f"cannot be written: {tmp_path / 'file'} is a file; expected a folder" in done.stderr
+
+
+def test_the_reference_robot_is_simulated_with_its_own_gains_and_filters(tmp_path):
+    tips = []
+    for name, option in (("with", "--notch"), ("without", "--no-notch")):
+        out = tmp_path / f"{name}.csv"
+        done = CliRunner().invoke(app, ["simulate", "--axis", "2", option, "--out", str(out)])
+        assert done.exit_code == 0, done.output
+        tips.append(np.genfromtxt(out, delimiter=",", names=True)["tip_z_m_s2"])
+    assert np.ptp(tips[0]) < np.ptp(tips[1])
