@@ -175,7 +175,8 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     else:
         signs = {True: "yes", False: "no", None: "not judged"}
         lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]
-        table(f"{len(rows)} {'arms' if are_arms else 'robots'}", ("claim", "asked", "measured", "holds"), lines)
+        title = f"{len(rows)} {'arm' if are_arms else 'robot'}{'s' * (len(rows) != 1)}"
+        table(title, ("claim", "asked", "measured", "holds"), lines)
     typer.echo(f"files: {', '.join(map(str, written))}", err=True)
     failed = [each for each in found if each.holds is False]
     for each in failed:

@@ -25,7 +25,7 @@ def simulate(
 ) -> None:
     """Run an experiment without CAN and write the true motion.
 
-    The robot file must have `control` tables; --notch uses its `notch` tables.
+    The robot file must have `control` tables, except `reference`; --notch uses its `notch` tables.
 
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """

@@ -227,7 +227,8 @@ def _check(sweeps: Sequence[Sweep], orders: tuple[float, ...], directions: Mappi
         seconds = sum(float(np.count_nonzero(sweep.direction == direction)) * sweep.period_s for sweep in sweeps)
         if seconds < needed:
             raise ValueError(
-                f"{seconds:.2f} s of ramps {word} are too short for {2 * len(orders) + 3} values; {needed:.2f} s are needed"
+                f"{seconds:.2f} s of ramps {word} are too short for {2 * len(orders) + 3} values; {needed:.2f} s are needed: "
+                "accelerate less, or identify fewer orders"
             )
 
 

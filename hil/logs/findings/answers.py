@@ -112,8 +112,8 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if len(lost):
         yield Finding(
             "heartbeat-lost", Severity.FAULT,
-            f"node {node.number} was silent {times(len(lost))} for {np.max(gaps) * 1e-6:.3g} ms at worst; "
-            f"otherwise its heartbeat comes every {usual * 1e-6:.3g} ms",
+            f"node {node.number} was silent {times(len(lost))} for {np.max(gaps) * 1e-6:.0f} ms at worst; "
+            f"otherwise its heartbeat comes every {usual * 1e-6:.0f} ms",
             "check the error frames and the node's next frames: the node hung, or the bus was off",
             stamps_of(stream.stamp_ns, lost), len(lost), node.number,
         )  # fmt: skip

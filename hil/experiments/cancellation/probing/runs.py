@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.counting import counted
 from hil.design.probing import Effects, balanced_signs, effects_of
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.ate.checks import check_run
@@ -79,9 +80,10 @@ class Runs:
         middle = np.zeros(2 * len(parts)) if level is None else level
         settings, made = self._probes(parts, probes_arcsec, middle)  # all are checked before one moves
         seconds = float(self.learning.motion.time_s[-1])
+        amplitudes = " to ".join(dict.fromkeys(f"{each:.1f}" for each in (np.min(probes_arcsec), np.max(probes_arcsec))))
         self._reporter.step(
-            f"{len(settings)} probing runs of {seconds:.1f} s for {len(parts)} orders of axes, each cancelled by "
-            f"{np.min(probes_arcsec):.1f} to {np.max(probes_arcsec):.1f}″ at one of four phases"
+            f"{len(settings)} probing runs of {seconds:.1f} s for {counted(len(parts), 'order')} of the axes, each cancelled by "
+            f"{amplitudes}″ at one of four phases"
         )
         first = len(self.learning.runs) - 1  # the level has been run once
         for number, (row, cancellation) in enumerate(zip(settings, made, strict=True), start=1):
