@@ -95,7 +95,7 @@ def parameters(result: PlantResult) -> ReportTable | None:
     header = ("Parameter", "Value", "Standard error", "Unit", "Relative")
     caption = (
         "Gear and arm refer to the arm side, motor and friction to the motor side. Standard errors come from the scatter "
-        "between periods, multiplied by the misfit of whichever of torque, law and tip the model explains least. They include the "
+        "between periods, times the misfit of whichever of torque, law and tip the model explains least. They include the "
         "dependence on the torsion, as the pilot run and this run show it. The checks below give the part that comes from "
         "noise alone; more periods lower it. “What these data cannot tell” lists the errors that are not "
         f"included. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods."
