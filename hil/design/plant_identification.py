@@ -127,8 +127,8 @@ def fit_plant(
 
     Minimises Σ |Ȳ* − P(jω) Ū*|²/σ²(P) over the lines, with σ from the scatter of both between periods, jointly with the age of
     the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: its information on f_a
-    and ζ needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Standard errors are from the
-    Jacobian, times the misfit, of which a half is the least.
+    and ζ needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Means and standard errors are
+    integrated over the lag (`over_lag`), the latter times the misfit (`enlargement`), of which a half is the least.
 
     The data determine D_g + D_l, which damps the arm at f_a (ζ), and D_m + D_l/N², against which the motor turns: these are the
     unknowns, with D_l third. D_l alone shows only in how the damping differs between f_a and f_r, and through an
@@ -263,7 +263,9 @@ def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
     found = [best]
     for side in (-step, step):
         reach, last = side, best
-        while last.deviance <= best.deviance + FAR_SIGMAS**2 and bounds[0][LAG] < last.x[LAG] < bounds[1][LAG]:
+        for _ in range(EVALUATIONS):
+            if last.deviance > best.deviance + FAR_SIGMAS**2 or not bounds[0][LAG] < last.x[LAG] < bounds[1][LAG]:
+                break
             x = last.x.copy()
             x[LAG] = np.clip(x[LAG] + reach, bounds[0][LAG], bounds[1][LAG])
             fit = _descended(problem, x, _others(x), bounds, EVALUATIONS // 4, math.sqrt(ROUNDING))
