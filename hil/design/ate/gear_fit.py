@@ -35,7 +35,8 @@ from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
 from hil.design.estimate import Estimate
-from hil.design.frequency import MOUNTING_HZ
+from hil.design.frequency import MOUNTING_HZ, RESONANCE_BAND
+from hil.design.modes.problem import LARGEST_ZETA, SMALLEST_ZETA
 from hil.design.plant_problem import SMOOTHED_LINES
 from hil.design.transmission_error import TransmissionError
 
@@ -278,7 +279,15 @@ class GearFit:
             q = np.concatenate([part for ramp in self._ramps for part in ramp.rounding(p, small)])
             return float(np.sum(seen / q + np.log(q)))
 
-        found = scipy.optimize.minimize(cost, np.log(self._small), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
+        # without bounds, ζ falls to 0 where the ramps shake nothing near the resonance
+        low, high = np.log([RESONANCE_BAND, (SMALLEST_ZETA / law.damping, LARGEST_ZETA / law.damping)]).T
+        found = scipy.optimize.minimize(
+            cost,
+            np.clip(np.log(self._small), low, high),
+            method="Nelder-Mead",
+            bounds=scipy.optimize.Bounds(low, high),
+            options={"xatol": 1e-3, "fatol": 1e-2},
+        )
         return float(math.exp(found.x[0])), float(math.exp(found.x[1]))
 
     def _variances(self, p: Real, noise: _Noise, vibration: list[list[Real]]) -> list[list[Real]]:

@@ -128,15 +128,9 @@ def test_a_dead_accelerometer_is_said_and_left_out() -> None:
 
 # -- the fleet --------------------------------------------------------------------------------------------------------
 
-ENCODER_NOISE = (
-    "0.45 counts of encoder noise put J_m and f_r 9 standard errors off: the error that is stated counts the rounding alone"
-)
-
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "seed", [4, 6, pytest.param(8, marks=pytest.mark.xfail(strict=True, reason=ENCODER_NOISE)), 12, 14, 18, 20, 27]
-)
+@pytest.mark.parametrize("seed", [4, 6, 8, 12, 14, 18, 20, 27])
 def test_linear_robots_of_the_stable_are_identified_with_honest_errors(seed: int, tmp_path: Any) -> None:
     robot = draw(seed, kind="linear")
     file = tmp_path / "bench.toml"
