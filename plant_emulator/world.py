@@ -3,14 +3,14 @@
 It is sans IO: frames and time go in, frames come out.
 """
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from drive_profiles.standard.cia301 import FunctionCode
-from hil.can.frame import Frame
+from hil.can.frame import RECORD, Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.drive import Drive
 from plant_emulator.image.image import Node, ProcessImage
@@ -29,6 +29,24 @@ _IDENTIFIER = itemgetter(0)
 """Identifier of a frame."""
 _UNKNOWN, _NEVER = -1, (1 << 63) - 1
 """Instead of an instant: one comparison, ``now < wakes_at``, shows that listeners are known and no deadline has passed."""
+
+
+class PassedCycle(NamedTuple):
+    """A cycle that has passed on a bus with bit times.
+
+    Attributes:
+        until: Its end, in ns.
+        ends: Ends of its frames and of the answers, in ns; empty if a node must act before, at the present time of the world.
+        answers: Records of the answers.
+        senders: Port of each.
+        sent: Frames that drives send now, each with its port.
+    """
+
+    until: int
+    ends: Sequence[int]
+    answers: bytes
+    senders: Sequence[int]
+    sent: list[tuple[int, Frame]]
 
 
 class World:
@@ -291,42 +309,57 @@ class World:
             self._pending_ns = self._plain_period_ns
         return answers
 
-    def open_course(self) -> None:
+    def open_course(self) -> bool:
         """Let the core run cycles by itself: prepare `course`.
 
         It carries a message as long as `exchange` would take it, and no node acts by itself within its period.
         """
         course, image = self.course, self._image
-        is_open = not self._pending_ns and self._only_follows() and image.is_whole and image.delay_ns <= self._plain_period_ns
-        course.is_open, course.synced = is_open, _UNKNOWN
-        if not is_open:
-            return
-        self._sensor.draw()
-        due, course.period = self.due, self._plain_period_ns
-        self.axes.make_room(1 + self._plain_period_ns // self._control_period_ns)
-        course.now, course.mechanics_now, course.wakes_at = self.now, self._mechanics_ns, _NEVER if due is None else due
+        course.now, course.mechanics_now, course.synced = self.now, self._mechanics_ns, _UNKNOWN
+        is_open = not self._pending_ns and self._only_follows() and image.delay_ns <= self._plain_period_ns
+        course.is_open = is_open
+        if is_open:
+            self._sensor.draw()
+            due, course.period = self.due, self._plain_period_ns
+            self.axes.make_room(1 + self._plain_period_ns // self._control_period_ns)
+            course.wakes_at = _NEVER if due is None else due
+        return is_open
 
-    def close_course(self) -> list[Frame]:
-        """Take over what the core has done; return the frames that drives send for it."""
+    def close_course(self) -> list[tuple[int, Frame]]:
+        """Take over what the core has done; return the frames that drives send for it, each with its port."""
         course = self.course
-        if course.synced == _UNKNOWN:
+        if course.now == self.now:
             return []
-        self._image.pass_to(course.synced)
+        if course.synced != _UNKNOWN:
+            self._image.pass_to(course.synced)
         self.now, self._mechanics_ns = course.now, course.mechanics_now
-        return [] if course.is_open else [frame for _, frame in self._observed(self._update(), is_due=False)]
+        return [] if course.is_open else self._observed(self._update(), is_due=False)
 
-    def hear_all(self, message: bytes) -> bytes | None:
-        """Do as `exchange` does, without a period that becomes pending, and not if an answer comes late."""
-        return self._image.synchronise(message, self.now) if self._only_follows() and not self._image.delay_ns else None
+    def pass_cycle(self, message: bytes, start: int, begin: int, bit_ns: int) -> PassedCycle | None:
+        """Let a cycle pass on a bus that nothing else uses, answers included.
 
-    def senders(self, message: bytes) -> list[int] | None:
-        """Return the ports whose TPDOs answer a message, in the order in which a bus sends them.
+        Args:
+            message: Records of RPDOs, and of a SYNC behind them.
+            start: SOF of the first, in ns.
+            begin: Beginning of the cycle, at the end of the one before or later.
+            bit_ns: Time of a bit.
 
-        The result is None if `hear_all` would not take it now, or that order is not the one of the identifiers.
+        Returns:
+            None if the frames must go one by one; then nothing has happened.
         """
-        image = self._image
-        follows = self._only_follows() and image.is_in_order and not image.delay_ns
-        return image.ports if follows and image.takes(message) else None
+        image, course, count = self._image, self.course, len(message) // RECORD.size
+        if not self.open_course() or not image.is_in_order or image.delay_ns:
+            return None
+        ends, until = CORE.integers(count), begin + self._plain_period_ns
+        CORE.call.pass_message(course, message, count, start, until, bit_ns, ends)
+        if course.now == self.now:
+            return None
+        if course.synced == _UNKNOWN:
+            return PassedCycle(until, (), b"", (), self.close_course())
+        answers, answered = image.answered(course.synced), CORE.integers(len(image.ports))
+        CORE.call.pass_answers(course, until, bit_ns, answered)
+        course.synced = _UNKNOWN  # the slaves know it
+        return PassedCycle(until, (*ends, *answered), answers, image.ports, self.close_course())
 
     def _only_follows(self) -> bool:
         """Return True if the process image can act for all nodes at this instant."""

@@ -5,7 +5,7 @@ enum { LENGTH_PLACE = 4, DATA_PLACE = 8, BYTES_OF_RECORD = 16 };
 /* x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1, without its first term (ISO 11898-1:2015, 10.4.2.6). */
 enum { POLYNOMIAL = 0x4599, CHECK_BITS = 15 };
 /* CRC delimiter, ACK slot and delimiter, end of frame, intermission: they are not stuffed. */
-enum { INTERMISSION_BITS = 3, UNSTUFFED_BITS = 1 + 1 + 1 + 7 + INTERMISSION_BITS };
+enum { UNSTUFFED_BITS = 1 + 1 + 1 + 7 + INTERMISSION_BITS };
 /* After so many equal bits the sender inserts one of the other value, which itself counts for the next. */
 enum { EQUAL_BITS = 5 };
 

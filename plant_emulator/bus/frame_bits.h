@@ -4,6 +4,10 @@
 
 #include "hil/control/real.h"
 
+/* Bits between two frames, and the most that a data frame with an 11-bit identifier takes with them: a stuff bit behind each four of
+ * its bits from SOF to the CRC. */
+enum { INTERMISSION_BITS = 3, MOST_FRAME_BITS = 34 + 64 + (34 + 64 - 1) / 4 + 10 + INTERMISSION_BITS };
+
 /* Ends of data frames with 11-bit identifiers that pass a bus one behind the other, from their records of 16 bytes as on a socket of
  * SocketCAN: identifier in the byte order of the machine, length, three bytes of padding, data.
  *

@@ -106,7 +106,7 @@ class InProcessChannel(OneByOne):
         """Take over what has happened on the line since."""
         if self.line is not None:
             self.syncs = int(self.line.syncs)
-            self._deliver([HeardFrame(frame, NODES, self.world.now) for frame in self.world.close_course()])
+            self._deliver([HeardFrame(frame, NODES, self.world.now) for _, frame in self.world.close_course()])
 
     @property
     def takes_messages(self) -> bool:

@@ -4,15 +4,11 @@ import contextlib
 from collections.abc import Callable
 
 from hil.can import clock
-from hil.can.bits import NOMINAL_BITS
-from hil.can.frame import MAX_DATA_LENGTH, Frame, frames_of, pack
+from hil.can.frame import Frame, frames_of, pack
 from plant_emulator.bus.instant import FIRST_CLIENT, HeardFrame
-from plant_emulator.bus.rates import INTERMISSION_BITS
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, SECOND, World
 
-MOST_BITS = 8 * MAX_DATA_LENGTH + NOMINAL_BITS + (8 * MAX_DATA_LENGTH + 34 - 1) // 4
-"""A classic data frame with an 11-bit identifier at most: one stuff bit behind each four of its bits from SOF to the CRC."""
 DRAIN_NS = 100_000_000
 """Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
 
@@ -176,34 +172,19 @@ class TimedBus:
             Records of the frames that the client hears; None, and nothing has happened, if the frames must go one by one.
         """
         world, wire = self.world, self.wire
-        if self.clock == clock.WALL or not self._is_idle:
+        if self.clock == clock.WALL or not self._is_idle or self._latency_ns or wire.now != world.now or not wire.is_undisturbed:
             return None
         begin = world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, world.now)
-        until, due, senders = begin + world.period_ns, world.due, world.senders(message)
-        if (
-            senders is None
-            or not wire.is_undisturbed
-            or self._latency_ns
-            or wire.now != world.now
-            or (due is not None and due <= until)
-        ):
+        passed = world.pass_cycle(message, wire.idle, begin, wire.rates.bit_ns)
+        if passed is None:
             return None
-        ends = wire.ends(message)
-        sync = ends[-1]
-        if sync + (INTERMISSION_BITS + len(senders) * MOST_BITS) * wire.rates.bit_ns > until:
-            return None
-        self._cycle_end_ns = until
-        for end in ends:
-            sent = world.move(end)
-            if sent:
-                return self._go_on(port, message, sent, until)
-        answers = world.hear_all(message)
-        if answers is None:
-            return self._go_on(port, message, [], until)
-        wire.pass_at_once(ends, answers, senders, until)
-        for node, frame in world.move(until):
+        self._cycle_end_ns = until = passed.until
+        if not passed.ends:
+            return self._go_on(port, message, passed.sent, until)
+        wire.pass_at_once(passed.ends, passed.senders, until)
+        for node, frame in passed.sent:
             wire.offer(node, frame, until)
-        return answers
+        return passed.answers
 
     def _go_on(self, port: int, message: bytes, sent: list[tuple[int, Frame]], until: int) -> bytes:
         """Let a message pass frame by frame whose first frames have ended in the world alone.

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hil.can.bits import frame_bits
-from hil.can.frame import RECORD, Frame
+from hil.can.frame import Frame
 from plant_emulator.bus.attempt import DELIMITER_BITS, Attempt, Port, QueuedFrame
 from plant_emulator.bus.confinement import Confinement
 from plant_emulator.bus.controller import Controller
@@ -31,7 +31,6 @@ from plant_emulator.bus.faults import BusEvent, BusFaults
 from plant_emulator.bus.queues import Queues
 from plant_emulator.bus.rates import INTERMISSION_BITS, SECOND, Rates
 from plant_emulator.bus.traffic import ControllerMessage, Delivered, Passed, Statistics, Traffic
-from plant_emulator.core import CORE
 
 __all__ = ["ControllerMessage", "Delivered", "EmulatedWire", "Statistics"]
 
@@ -294,38 +293,27 @@ class EmulatedWire:
             return False
         return self.rates.is_exact and self.rates.data_bitrate is None and self._is_calm and len(self._ports) > 1
 
-    def ends(self, records: bytes, start: int | None = None) -> list[int]:
-        """Return the ends of data frames that pass one behind the other.
+    @property
+    def idle(self) -> int:
+        """SOF of a frame that is offered now to an empty bus, in ns."""
+        return max(self.now, self._idle)
 
-        Args:
-            records: Records of the frames, with 11-bit identifiers.
-            start: SOF of the first, in ns; None: as soon as the bus is idle.
-        """
-        count, bit_ns = len(records) // RECORD.size, self.rates.bit_ns
-        found = CORE.integers(count)
-        CORE.call.frames_end(records, count, max(self.now, self._idle) if start is None else start, bit_ns, found)
-        return list(found)
-
-    def pass_at_once(self, ends: Sequence[int], answers: bytes, senders: Sequence[int], until: int) -> None:
+    def pass_at_once(self, ends: Sequence[int], senders: Sequence[int], until: int) -> None:
         """Let frames pass that one port has offered now, and their answers; `is_undisturbed` must be true.
 
         Args:
-            ends: Ends of the port's frames.
-            answers: Records of the frames that are offered at the last of these ends, in the order in which the bus sends them.
-            senders: Port of each of them.
+            ends: Ends of the port's frames, and of the answers, which are offered at the last of the former.
+            senders: Port of each answer, in the order in which the bus sends them.
             until: Time up to which time passes, in ns.
         """
-        bit_ns, counts = self.rates.bit_ns, self._counts
-        gap, begin, asked = INTERMISSION_BITS * bit_ns, max(self.now, self._idle), ends[-1]
-        last = ends[-2] + gap if len(ends) > 1 else begin  # SOF of the frame that waits longest
-        longest_ns, idle = last - self.now, asked + gap
-        if answers:
-            answered = self.ends(answers, idle)
-            last = answered[-2] + gap if len(answered) > 1 else idle
-            longest_ns, idle = max(longest_ns, last - asked), answered[-1] + gap
-        if counts.longest_queue < max(len(ends), len(senders)):
-            counts.longest_queue = max(counts.longest_queue, len(ends), *Counter(senders).values())
-        self._traffic.passed(len(ends) + len(senders), (idle - begin) // bit_ns, longest_ns)
+        bit_ns, counts, asked = self.rates.bit_ns, self._counts, len(ends) - len(senders)
+        gap, begin, idle = INTERMISSION_BITS * bit_ns, self.idle, ends[-1] + INTERMISSION_BITS * bit_ns
+        longest_ns = (ends[asked - 2] + gap if asked > 1 else begin) - self.now  # the last frame of a queue waits longest
+        if senders:
+            longest_ns = max(longest_ns, ends[-2] + gap - ends[asked - 1])
+        if counts.longest_queue < max(asked, len(senders)):
+            counts.longest_queue = max(counts.longest_queue, asked, *Counter(senders).values())
+        self._traffic.passed(len(ends), (idle - begin) // bit_ns, longest_ns)
         self._traffic.occupy(begin, idle)
         self._idle, self.now = idle, until
 

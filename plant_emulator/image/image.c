@@ -217,27 +217,64 @@ integer synchronise(const struct image *image, const uint8_t *message, integer r
     return DONE;
 }
 
+/* Let control periods pass up to an instant; the course closes where a drive wakes. */
+static void move_to(struct course *course, integer instant)
+{
+    const struct mechanics *mechanics = course->mechanics;
+    const integer periods = (instant - course->mechanics_now) / course->control_period;
+    course->now = instant;
+    if (periods <= 0) {
+        return;
+    }
+    advance_all(mechanics, periods);
+    course->mechanics_now += periods * course->control_period;
+    for (integer row = 0; row < mechanics->count; row++) {
+        course->is_open = course->is_open && !mechanics->axes[row].motion.wake;
+    }
+}
+
 integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room)
 {
     struct course *course = medium;
     const struct image *image = course->image;
-    const struct mechanics *mechanics = course->mechanics;
     const integer until = course->now + course->period;
-    if (!course->is_open || course->wakes_at <= until || synchronise(image, message, size / RECORD_BYTES) != DONE) {
+    if (!course->is_open || !image->is_whole || course->wakes_at <= until
+        || synchronise(image, message, size / RECORD_BYTES) != DONE) {
         return -1;
     }
     for (integer i = 0; i < image->answer_bytes; i++) {
         room[i] = image->answer[i];
     }
     course->synced = course->now;
-    course->now = until;
-    const integer periods = (until - course->mechanics_now) / course->control_period;
-    if (periods > 0) {
-        advance_all(mechanics, periods);
-        course->mechanics_now += periods * course->control_period;
-        for (integer row = 0; row < mechanics->count; row++) {
-            course->is_open = course->is_open && !mechanics->axes[row].motion.wake;
-        }
-    }
+    move_to(course, until);
     return image->answer_bytes;
+}
+
+void pass_message(struct course *course, const uint8_t *message, integer records, integer start, integer until, integer bit_ns,
+                  integer *ends)
+{
+    const struct image *image = course->image;
+    const integer answers = image->answer_bytes / RECORD_BYTES;
+    if (!course->is_open || course->wakes_at <= until || !is_plain(image, message, records)) {
+        return;
+    }
+    frames_end(message, records, start, bit_ns, ends);
+    const integer sync = ends[records - 1];
+    if (sync + (INTERMISSION_BITS + answers * MOST_FRAME_BITS) * bit_ns > until) {
+        return;
+    }
+    for (integer i = 0; i < records && course->is_open; i++) {
+        move_to(course, ends[i]);
+    }
+    if (course->is_open && synchronise(image, message, records) == DONE) {
+        course->synced = sync;
+    }
+}
+
+void pass_answers(struct course *course, integer until, integer bit_ns, integer *ends)
+{
+    const struct image *image = course->image;
+    const integer start = course->synced + INTERMISSION_BITS * bit_ns;
+    frames_end(image->answer, image->answer_bytes / RECORD_BYTES, start, bit_ns, ends);
+    move_to(course, until);
 }

@@ -7,6 +7,7 @@
 #ifndef PLANT_IMAGE_H
 #define PLANT_IMAGE_H
 
+#include "plant_emulator/bus/frame_bits.h"
 #include "plant_emulator/motion/period.h"
 
 /* Bytes of a frame's record, of its identifier and length before them, and where its data begin: those of SocketCAN. */
@@ -83,6 +84,7 @@ struct image {
     integer shown;
     uint8_t *answer; /* records of all TPDOs in the order of their identifiers; heads are there */
     integer answer_bytes;
+    integer is_whole; /* 1 if told has all objects of the TPDOs */
 };
 
 /* What synchronise has done: all; nothing, since a frame or a drive is not plain; nothing, since the noise is used up. */
@@ -117,5 +119,16 @@ struct course {
  * Returns the bytes of the answers, copied to room for them; or -1, and nothing has changed, if a node must hear the frames, or
  * acts by itself before the period is over. */
 integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room);
+
+/* Let the records of a message pass one behind the other from the instant start on, on a bus that nothing else uses; their last is
+ * SYNC. Control periods pass meanwhile.
+ *
+ * ends becomes the end of each frame. Without effect if a node must hear the frames, acts by itself before until, or the answers may
+ * not fit. If a drive wakes before SYNC, or a node must hear it, time ends there, and synced stays. */
+void pass_message(struct course *course, const uint8_t *message, integer records, integer start, integer until, integer bit_ns,
+                  integer *ends);
+
+/* Let the answers to the last SYNC pass, and control periods up to until; ends as above. */
+void pass_answers(struct course *course, integer until, integer bit_ns, integer *ends);
 
 #endif

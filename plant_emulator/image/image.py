@@ -150,7 +150,7 @@ class ProcessImage:
         )  # fmt: skip
         shared.received, shared.rows, shared.answer, shared.taken, shared.told = kept
         shared.rpdos, shared.drives, shared.shown = len(received), len(self._drives), len(told)
-        shared.answer_bytes = len(self._answer)
+        shared.answer_bytes, shared.is_whole = len(self._answer), not self._sampled
         self._kept = [*kept]
 
     def _shown(self, node: Node, cell: Cell) -> tuple[int, int] | None:
@@ -170,15 +170,6 @@ class ProcessImage:
         is_own = self._accelerometer.measure == self._measure
         return is_plain and is_own and all(slave.is_settled for slave in self.slaves)
 
-    @property
-    def is_whole(self) -> bool:
-        """True if C knows all objects of the TPDOs."""
-        return not self._sampled
-
-    def takes(self, message: bytes) -> bool:
-        """Return True if `synchronise` takes these records now."""
-        return bool(CORE.call.is_plain(self.shared, message, len(message) // RECORD.size))
-
     def synchronise(self, message: bytes, now: int) -> bytes | None:
         """Process the records of RPDOs and of a SYNC behind them.
 
@@ -193,6 +184,10 @@ class ProcessImage:
         self._sensor.draw()
         if CORE.call.synchronise(self.shared, message, len(message) // RECORD.size) != CORE.call.DONE:
             return None
+        return self.answered(now)
+
+    def answered(self, now: int) -> bytes:
+        """Return the records of the TPDOs, of which the slaves sample what C does not know, as `synchronise` does."""
         for tpdo, place in self._sampled:
             data = tpdo.sample()
             self._answer[place : place + len(data)] = data

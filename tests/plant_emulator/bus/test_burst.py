@@ -14,7 +14,8 @@ from plant_emulator.bus.faults import BusFaults
 from plant_emulator.bus.instant import FIRST_CLIENT
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
-from tests.plant_emulator.image.test_image import INSIDE, OUTSIDE, SYNC, Twin
+from plant_emulator.core import CORE
+from tests.plant_emulator.image.test_image import INSIDE, OUTSIDE, POSITION, SPEED, STATUS, SYNC, Twin
 
 NODES = (2, 3, 5)
 
@@ -94,6 +95,19 @@ def test_random_set_points_cross_the_wire_alike(mode, options):
     assert twin.plain - before == 200
 
 
+def test_an_entry_that_the_core_does_not_know_is_sampled_at_the_sync():
+    """The speed, 606Ch: the master gets it in the same cycle as the rest."""
+    twin = TimedTwin()
+    twin.prepare(2, told=((STATUS, POSITION), (SPEED,)))
+    twin.start(2)
+    twin.enable((2,), Mode.CSP, cycles=3)
+    before = twin.plain
+    for step in range(50):
+        answers = twin.cycle(twin.command(2, target=20 * step))
+    assert twin.plain - before == 50
+    assert any(answer.can_id == 0x282 and int.from_bytes(answer.data, "little", signed=True) for answer in answers)
+
+
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.ci) for seed in range(2, 6))])
 def test_whatever_else_comes_the_wire_is_the_same(seed):
     dice, twin = random.Random(seed), following()
@@ -116,7 +130,7 @@ def test_a_limit_that_breaks_while_the_frames_pass_ends_the_burst_and_not_the_cy
     seen, go_on = [], TimedBus._go_on
 
     def counted(bus, port, message, sent, until):
-        seen.append(sum(end <= bus.world.now for end in bus.wire.ends(message)))
+        seen.append(sum(end <= bus.world.now for end in ends_of(message, bus.wire.idle)))
         return go_on(bus, port, message, sent, until)
 
     monkeypatch.setattr(TimedBus, "_go_on", counted)
@@ -160,10 +174,16 @@ def test_answers_with_one_identifier_collide_on_the_wire():
     assert twin.buses[0].wire.statistics.errors > 0
 
 
+def ends_of(records, start):
+    """The ends of frames that pass one behind the other at 1 Mbit/s."""
+    ends = CORE.integers(len(records) // RECORD.size)
+    CORE.call.frames_end(records, len(ends), start, 1000, ends)
+    return list(ends)
+
+
 def bits_in_a_row(records):
     """The bits of each frame of a message, intermission included."""
-    ends = EmulatedWire(1_000_000).ends(records)
-    return [(end - before) // 1000 for before, end in itertools.pairwise([-3000, *ends])]
+    return [(end - before) // 1000 for before, end in itertools.pairwise([-3000, *ends_of(records, 0)])]
 
 
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=64))
