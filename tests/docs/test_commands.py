@@ -225,7 +225,7 @@ def type_in(shell, text, status, where):
         return
     if text.startswith(ENDLESS):
         # in the foreground: else the program's whole group gets a second SIGINT, which meets it while it ends by the first
-        text = f"timeout --foreground --preserve-status --signal=INT 4 {text}"
+        text = f"timeout --foreground --preserve-status --signal=INT 8 {text}"
     ended, said = shell.run(text, LIMIT_S)
     assert ended == status, f"{where}: {text}\nended with {ended} instead of {status}:\n{said}"
     assert "Traceback (most recent call last)" not in said, f"{where}: {text}\n{said}"
