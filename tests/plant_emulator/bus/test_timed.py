@@ -91,7 +91,7 @@ def test_a_cycle_that_does_not_fit_lags_behind_its_beats_and_one_that_does_loses
         assert answers == 4 * 200
         assert made.wire.statistics.refused == 0
     else:
-        assert made.wire.oldest_wait_ns >= 10_000_000
+        assert made.wire.statistics.longest_wait_ns >= 10_000_000
         assert made.wire.statistics.longest_queue > 50
         assert answers < 4 * 200
     assert made.wire.statistics.lost == 0
@@ -107,19 +107,16 @@ def test_nothing_is_kept_of_syncs_that_the_bus_refused():
     assert {name: len(value) for name, value in vars(made).items() if hasattr(value, "__len__")} == kept
 
 
-def test_overload_is_reported_within_the_first_second_at_105_percent_and_nothing_is_lost_at_95():
-    for load, overloaded in ((0.95, False), (1.05, True)):
-        made = bus(cyclic=())
-        frame = Frame(0x300, bytes(8))
-        gap = round(1000 * frame_bits(frame) / load)
-        begin, offered, heard = made.world.now, 0, 0
-        while made.world.now < begin + 1_000_000_000 and not made.wire.is_overloaded:
-            made.offer(CLIENT, frame)
-            offered += 1
-            heard += sum(h.frame.can_id == 0x300 for h in made.run(made.world.now + gap))
-        assert made.wire.is_overloaded is overloaded
-        if not overloaded:
-            assert offered - heard <= 1
+def test_nothing_is_lost_at_95_percent_of_load():
+    made = bus(cyclic=())
+    frame = Frame(0x300, bytes(8))
+    gap = round(1000 * frame_bits(frame) / 0.95)
+    begin, offered, heard = made.world.now, 0, 0
+    while made.world.now < begin + 1_000_000_000:
+        made.offer(CLIENT, frame)
+        offered += 1
+        heard += sum(h.frame.can_id == 0x300 for h in made.run(made.world.now + gap))
+    assert offered - heard <= 1
 
 
 def test_a_frame_that_is_destroyed_is_sent_again_and_arrives_later():
