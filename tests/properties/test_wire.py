@@ -328,16 +328,16 @@ def test_each_port_keeps_its_order_and_the_lowest_of_those_that_wait_goes_first(
 
 
 FAULTS = (
-    Fault("drop", probability=0.1),
-    Fault("delay", delay_ns=300_000, probability=0.2),
-    Fault("duplicate", every=5),
-    Fault("reorder", delay_ns=500_000, probability=0.2),
-    Fault("corrupt", probability=0.2, attempts=2),
-    Fault("corrupt", probability=0.2, crc=False),
-    Fault("mute", port=1, from_s=0.001, to_s=0.0015),
-    Fault("babble", port=2, can_id=0x7F, from_s=0.0005, to_s=0.0008),
-    Fault("stuck", from_s=0.002, to_s=0.00202),
-    Fault("bus_off", port=3, from_s=0.0022, to_s=0.0026),
+    Fault(kind="drop", probability=0.1),
+    Fault(kind="delay", delay_ns=300_000, probability=0.2),
+    Fault(kind="duplicate", every=5),
+    Fault(kind="reorder", delay_ns=500_000, probability=0.2),
+    Fault(kind="corrupt", probability=0.2, attempts=2),
+    Fault(kind="corrupt", probability=0.2, crc=False),
+    Fault(kind="mute", port=1, from_s=0.001, to_s=0.0015),
+    Fault(kind="babble", port=2, can_id=0x7F, from_s=0.0005, to_s=0.0008),
+    Fault(kind="stuck", from_s=0.002, to_s=0.00202),
+    Fault(kind="bus_off", port=3, from_s=0.0022, to_s=0.0026),
 )
 
 

@@ -14,11 +14,17 @@ SYNC = Frame(0x80, b"")
 CLIENT = 1000
 ANSWERING = (2, 3, 5, 16)
 FAULTS = (
-    Fault("corrupt", probability=0.01), Fault("drop", probability=0.02), Fault("corrupt", probability=0.05, crc=False),
-    Fault("delay", probability=0.02, delay_ns=700_000), Fault("reorder", probability=0.02, delay_ns=300_000),
-    Fault("duplicate", probability=0.02), Fault("mute", port=3, from_s=0.1, to_s=0.12), Fault("stuck", from_s=0.2, to_s=0.2001),
-    Fault("babble", port=2, can_id=0x70, from_s=0.3, to_s=0.305), Fault("bus_off", port=5, from_s=0.35, to_s=0.36),
-)  # fmt: skip
+    Fault(kind="corrupt", probability=0.01),
+    Fault(kind="drop", probability=0.02),
+    Fault(kind="corrupt", probability=0.05, crc=False),
+    Fault(kind="delay", probability=0.02, delay_ns=700_000),
+    Fault(kind="reorder", probability=0.02, delay_ns=300_000),
+    Fault(kind="duplicate", probability=0.02),
+    Fault(kind="mute", port=3, from_s=0.1, to_s=0.12),
+    Fault(kind="stuck", from_s=0.2, to_s=0.2001),
+    Fault(kind="babble", port=2, can_id=0x70, from_s=0.3, to_s=0.305),
+    Fault(kind="bus_off", port=5, from_s=0.35, to_s=0.36),
+)
 
 
 class Traffic:

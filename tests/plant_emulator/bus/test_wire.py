@@ -101,7 +101,7 @@ class TestArbitration:
 
 class TestErrors:
     def test_a_corrupted_frame_costs_its_bits_up_to_the_ack_slot_and_an_error_frame_and_is_sent_again(self):
-        wire = faulty(Fault("corrupt", can_id=0x181, count=1))
+        wire = faulty(Fault(kind="corrupt", can_id=0x181, count=1))
         wire.offer(0, LOW, 0)
         (delivered,) = wire.advance(10**6)
         spoilt = frame_bits(LOW) - 11 + 6 + 1 + 8 + 3  # flag, one bit of echo, delimiter, intermission
@@ -161,7 +161,7 @@ class TestErrors:
         assert wire.due is None
 
     def test_bus_off_after_32_failed_attempts_and_no_return_by_itself(self):
-        wire = faulty(Fault("corrupt", can_id=0x181, attempts=1000))
+        wire = faulty(Fault(kind="corrupt", can_id=0x181, attempts=1000))
         wire.offer(0, LOW, 0)
         wire.offer(0, HIGH, 0)
         assert wire.advance(10**8) == []
@@ -174,7 +174,7 @@ class TestErrors:
         assert wire.due is None
 
     def test_a_restart_brings_a_port_back_after_128_times_11_bits(self):
-        wire = faulty(Fault("bus_off", port=0, from_s=0.0))
+        wire = faulty(Fault(kind="bus_off", port=0, from_s=0.0))
         wire.advance(10)
         wire.restart(0)
         wire.restart(0)  # nothing more
@@ -184,9 +184,9 @@ class TestErrors:
         assert delivered.start_ns == 10 + 1408 * BIT
 
     def test_receivers_are_error_passive_at_128_and_come_back_with_the_next_good_frame(self):
-        wire = faulty(Fault("corrupt", can_id=0x181, attempts=30), Fault("corrupt", can_id=0x182, attempts=30),
-                      Fault("corrupt", can_id=0x183, attempts=30), Fault("corrupt", can_id=0x184, attempts=30),
-                      Fault("corrupt", can_id=0x185, attempts=30), ports=7)  # fmt: skip
+        wire = faulty(Fault(kind="corrupt", can_id=0x181, attempts=30), Fault(kind="corrupt", can_id=0x182, attempts=30),
+                      Fault(kind="corrupt", can_id=0x183, attempts=30), Fault(kind="corrupt", can_id=0x184, attempts=30),
+                      Fault(kind="corrupt", can_id=0x185, attempts=30), ports=7)  # fmt: skip
         for port in range(5):
             wire.offer(port, Frame(0x181 + port, b""), 0)
         states = []
@@ -198,7 +198,7 @@ class TestErrors:
         assert wire.controller(6).rec < 128
 
     def test_a_stuck_bus_puts_the_sender_off_and_the_listeners_into_error_passive(self):
-        wire = faulty(Fault("stuck", from_s=10e-6, to_s=1e-3))
+        wire = faulty(Fault(kind="stuck", from_s=10e-6, to_s=1e-3))
         wire.offer(0, LOW, 0)
         wire.offer(1, HIGH, 0)
         delivered = wire.advance(10**7)
@@ -239,7 +239,7 @@ class TestMistakes:
                      lambda: wire.offer(0, Frame(CAN_ERR_FLAG, bytes(8)), 100), lambda: wire.attach(0), lambda: wire.detach(9),
                      lambda: EmulatedWire(0), lambda: EmulatedWire(1, queue_frames=0),
                      lambda: wire.controller(9),
-                     lambda: EmulatedWire(None, faults=BusFaults([Fault("stuck", to_s=1.0)]))):  # fmt: skip
+                     lambda: EmulatedWire(None, faults=BusFaults([Fault(kind="stuck", to_s=1.0)]))):  # fmt: skip
             with pytest.raises(ValueError, match=r"."):
                 call()
 
