@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from drive_profiles.standard.cia301 import CobIdBit, EmergencyCode, ErrorRegister, SdoAbortCode, Value, is_restricted
+from drive_profiles.standard.cia301 import CobIdBit, EmergencyCode, ErrorRegister, SdoAbortCode, Value, identifier_refusal
 from hil.can.frame import CAN_SFF_MASK, Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind, SdoAbort
 
@@ -194,12 +194,6 @@ class EmergencyProducer:
         self._inhibit_ns = multiple_of_100us * _INHIBIT_UNIT_NS
 
     def _check_cob_id(self, new: int) -> SdoAbortCode | None:
-        # CiA 301, 7.5.2.17: bits 0 to 29 do not change while the object exists. Only 11-bit identifiers are known here.
         old = self._dictionary.get_int(COB_ID)
-        can_id = new & ~CobIdBit.INVALID
-        is_valid = not new & CobIdBit.INVALID
-        if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
-            return SdoAbortCode.INVALID_VALUE
-        if is_valid and not old & CobIdBit.INVALID and old != new:
-            return SdoAbortCode.INVALID_VALUE
-        return None
+        in_use = None if old & CobIdBit.INVALID else old
+        return identifier_refusal(new & ~CobIdBit.INVALID, is_valid=not new & CobIdBit.INVALID, in_use=in_use)
