@@ -121,7 +121,7 @@ class World:
     def power_on(self) -> list[Frame]:
         """Start all nodes; return their boot-up frames."""
         self._wakes_at = _UNKNOWN
-        return _by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
+        return by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
 
     def power_cycle(self, node_id: int) -> list[Frame]:
         """Switch the supply of one node off and on.
@@ -264,15 +264,10 @@ class World:
         """
         if self._pending_ns:
             return self.finish_period() + self.receive(frame)
-        can_id, now = frame.can_id, self.now
-        if can_id == _SYNC:
-            self.accelerometer.sample()
-        answers: list[Frame] = []
-        for _, slave in self._hearers(can_id):
-            answers += slave.receive(frame, now)
-        if can_id == _SYNC:
+        answers = by_priority(answer for _, answer in self.hear(frame))
+        if frame.can_id == _SYNC:
             self._pending_ns = self.period_ns
-        return _by_priority(answers) if len(answers) > 1 else answers
+        return answers
 
     def exchange(self, message: bytes) -> bytes | None:
         """Process RPDOs and a SYNC at once, if that is all they mean.
@@ -448,6 +443,6 @@ class World:
         return frames
 
 
-def _by_priority(frames: Iterable[Frame]) -> list[Frame]:
+def by_priority(frames: Iterable[Frame]) -> list[Frame]:
     """Return frames of one instant in the bus's order of arbitration."""
     return sorted(frames, key=_IDENTIFIER)
