@@ -151,11 +151,9 @@ class World:
         Raises:
             ValueError: There is no such port.
         """
-        if port not in self._ports:
-            raise ValueError(f"there is no node at port {port}")
+        node = self._at(port)
         if port in self._off:
             return
-        node = self._ports[port]
         node.advance(self.now)
         self._switch(port, is_off=True)
         node.slave.bus_off()
@@ -168,11 +166,9 @@ class World:
         Raises:
             ValueError: There is no such port.
         """
-        if port not in self._ports:
-            raise ValueError(f"there is no node at port {port}")
+        node = self._at(port)
         if port not in self._off:
             return []
-        node = self._ports[port]
         node.advance(self.now)  # what it would have said meanwhile is lost
         self._switch(port, is_off=False)
         node.slave.bus_recovered()
@@ -187,6 +183,11 @@ class World:
         if not isinstance(node, Drive) or node.behaviour.bus_off_restart_ms is None:
             return None
         return round(1e6 * node.behaviour.bus_off_restart_ms)
+
+    def _at(self, port: int) -> Node:
+        if port not in self._ports:
+            raise ValueError(f"there is no node at port {port}")
+        return self._ports[port]
 
     def _switch(self, port: int, *, is_off: bool) -> None:
         """Cut a node off the bus, or connect it again."""

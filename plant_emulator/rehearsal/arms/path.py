@@ -19,7 +19,6 @@ from hil.experiments.cancellation.probing.on_bus import MotionLearningOutcome, M
 from hil.experiments.cancellation.probing.pace import paced_line
 from hil.experiments.motions import LINE_MOTION, line_motion
 from hil.experiments.plan import Experiment
-from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.recording import Recording
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
@@ -27,7 +26,7 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, Condition, conditions_of
 from plant_emulator.rehearsal.many.one import walked
 from plant_emulator.rehearsal.record import FLOOR_FACTOR, MAX_WORDS, QUIET_MM, WORSE_FRACTION, WORSE_MM
-from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, channel_of, note_of_run, raise_failure
+from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, channel_of, note_of_run, raise_failure, run_of
 from plant_emulator.rehearsal.survey import recorded, session_on
 from plant_emulator.rehearsal.truth import quiet, without_error
 from plant_emulator.robots.blank_bench import blank_bench
@@ -205,9 +204,7 @@ def _learnt(bench: Bench, folder: Path, model: Path, channel: InProcessChannel) 
 
 def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChannel) -> RunNote:
     experiment = Experiment(LINE_MOTION, None, "cancellation-learnt")
-    outcome = run_experiments(bench, [experiment], folder / "run", knowledge=Knowledge(learnt=learnt), channel=channel)
-    raise_failure(outcome.failure)
-    return note_of_run(outcome.result)
+    return note_of_run(run_of(bench, experiment, folder / "run", Knowledge(learnt=learnt), channel))
 
 
 def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:
