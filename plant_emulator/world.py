@@ -139,7 +139,7 @@ class World:
     def power_on(self) -> list[Frame]:
         """Start all nodes; return their boot-up frames."""
         self._wakes_at = _UNKNOWN
-        return _by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
+        return by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
 
     def power_cycle(self, node_id: int) -> list[Frame]:
         """Switch the supply of one node off and on.
@@ -169,11 +169,9 @@ class World:
         Raises:
             ValueError: There is no such port.
         """
-        if port not in self._ports:
-            raise ValueError(f"there is no node at port {port}")
+        node = self._at(port)
         if port in self._off:
             return
-        node = self._ports[port]
         node.advance(self.now)
         self._switch(port, is_off=True)
         node.slave.bus_off()
@@ -186,11 +184,9 @@ class World:
         Raises:
             ValueError: There is no such port.
         """
-        if port not in self._ports:
-            raise ValueError(f"there is no node at port {port}")
+        node = self._at(port)
         if port not in self._off:
             return []
-        node = self._ports[port]
         node.advance(self.now)  # what it would have said meanwhile is lost
         self._switch(port, is_off=False)
         node.slave.bus_recovered()
@@ -205,6 +201,11 @@ class World:
         if not isinstance(node, Drive) or node.behaviour.bus_off_restart_ms is None:
             return None
         return round(1e6 * node.behaviour.bus_off_restart_ms)
+
+    def _at(self, port: int) -> Node:
+        if port not in self._ports:
+            raise ValueError(f"there is no node at port {port}")
+        return self._ports[port]
 
     def _switch(self, port: int, *, is_off: bool) -> None:
         """Cut a node off the bus, or connect it again."""
@@ -282,15 +283,10 @@ class World:
         """
         if self._pending_ns:
             return self.finish_period() + self.receive(frame)
-        can_id, now = frame.can_id, self.now
-        if can_id == _SYNC:
-            self.accelerometer.sample()
-        answers: list[Frame] = []
-        for _, slave in self._hearers(can_id):
-            answers += slave.receive(frame, now)
-        if can_id == _SYNC:
+        answers = by_priority(answer for _, answer in self.hear(frame))
+        if frame.can_id == _SYNC:
             self._pending_ns = self.period_ns
-        return _by_priority(answers) if len(answers) > 1 else answers
+        return answers
 
     def exchange(self, message: bytes) -> bytes | None:
         """Process RPDOs and a SYNC at once, if that is all they mean.
@@ -481,6 +477,6 @@ class World:
         return frames
 
 
-def _by_priority(frames: Iterable[Frame]) -> list[Frame]:
+def by_priority(frames: Iterable[Frame]) -> list[Frame]:
     """Return frames of one instant in the bus's order of arbitration."""
     return sorted(frames, key=_IDENTIFIER)

@@ -47,14 +47,17 @@ TPDO_BASES = (FunctionCode.TPDO1, FunctionCode.TPDO2, FunctionCode.TPDO3, Functi
 _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
 
 
-def is_restricted(can_id: int) -> bool:
-    """Return True if an 11-bit identifier is restricted.
+def identifier_refusal(can_id: int, *, is_valid: bool = True, in_use: int | None = None) -> "SdoAbortCode | None":
+    """Return the reason why a node refuses the identifier of a COB-ID, or None.
 
-    No configurable object (SYNC, TIME, EMCY, PDO, further SDO) may use a restricted one.
+    29-bit identifiers are not supported. No configurable object (SYNC, TIME, EMCY, PDO, further SDO) that is valid may use a
+    restricted one, nor change the one that is in use.
 
-    Source: CiA 301, 7.3.5, table of the restricted CAN-IDs.
+    Source: CiA 301, 7.3.5, table of the restricted CAN-IDs, and 7.5.2: bits 0 to 29 do not change while the object exists.
     """
-    return any(low <= can_id <= high for low, high in _RESTRICTED)
+    is_restricted = any(low <= can_id <= high for low, high in _RESTRICTED)
+    is_free = not is_valid or (not is_restricted and in_use in {None, can_id})
+    return None if can_id <= 0x7FF and is_free else SdoAbortCode.INVALID_VALUE
 
 
 class CobIdBit(IntEnum):

@@ -111,11 +111,6 @@ class QuickStopOption(IntEnum):
     CURRENT_LIMIT_AND_STAY = 7
     VOLTAGE_LIMIT_AND_STAY = 8
 
-    @property
-    def stays(self) -> bool:
-        """True if the drive remains in QUICK_STOP_ACTIVE; transition 16 is then allowed."""
-        return self >= QuickStopOption.SLOW_DOWN_RAMP_AND_STAY
-
 
 class ShutdownOption(IntEnum):
     """Shutdown option code, 605Bh: the action of transition 8."""

@@ -1,8 +1,7 @@
 """Conversion between SI units and CiA 402's integers, as inverse pairs.
 
-Angles, speeds and torques are on the motor side; `Scaling.shaft_rad` and `Scaling.motor_rad` cross the gear. These
-conversions take a number or a numpy array of any shape and return the same. A value that the object cannot hold is
-refused with its numbers, never clamped or wrapped.
+Angles, speeds and torques are on the motor side. The conversions take a number or a numpy array of any shape and return the
+same. A value that the object cannot hold is refused with its numbers, never clamped or wrapped.
 
 Source: CiA 402-2, 607Eh, 608Fh, 6076h, 6091h, 6092h, 60A8h to 60AAh and 60C2h.
 """
@@ -29,7 +28,6 @@ TWO_PI = 2.0 * math.pi
 INTEGER16 = (-(2**15), 2**15 - 1)
 INTEGER32 = (-(2**31), 2**31 - 1)
 UNSIGNED16 = (0, 2**16 - 1)
-UNSIGNED32 = (0, 2**32 - 1)
 _UNSIGNED8_MAX = 2**8 - 1
 _PERIOD_INDEX = (-128, 63)  # 60C2h sub 2, CiA 402
 
@@ -76,7 +74,7 @@ class Scaling:
     It gives the units of the drive's positions, speeds, accelerations and torques.
 
     Positions on the wire are in the user's unit, which is an increment of the encoder unless the feed constant or the units say
-    otherwise. Without a feed constant the gear ratio is for `shaft_rad` and `motor_rad` only: such drives count at the motor.
+    otherwise. Without a feed constant the gear ratio does not act: such drives count at the motor.
 
     Args:
         encoder_counts_per_rev: 608Fh, increments per motor revolution.
@@ -184,33 +182,9 @@ class Scaling:
         """Return the motor angle in rad of a position in counts."""
         return counts * (self.position_sign * TWO_PI / self._position)
 
-    @overload
-    def speed_counts_s(self, speed_rad_s: float) -> int: ...
-    @overload
-    def speed_counts_s(self, speed_rad_s: FloatArray) -> IntArray: ...
-    def speed_counts_s(self, speed_rad_s: Any) -> Any:
-        """Convert rad/s of the motor to counts per second, INTEGER32 (606Ch, 60FFh).
-
-        Raises:
-            OutOfRangeError: The result is outside INTEGER32.
-        """
-        return to_integer(speed_rad_s, INTEGER32, "speed", "rad/s", self.speed_units_per_rad_s)
-
     def speed_rad_s(self, counts_s: Numbers) -> Numbers:
         """Convert counts per second to a motor speed in rad/s."""
         return counts_s * (self.velocity_sign * TWO_PI / self._velocity)
-
-    @overload
-    def acceleration_counts_s2(self, acceleration_rad_s2: float) -> int: ...
-    @overload
-    def acceleration_counts_s2(self, acceleration_rad_s2: FloatArray) -> IntArray: ...
-    def acceleration_counts_s2(self, acceleration_rad_s2: Any) -> Any:
-        """Convert a motor's rad/s² to an UNSIGNED32 magnitude (6083h, 6085h, 60C5h).
-
-        Raises:
-            OutOfRangeError: The result is negative, or outside UNSIGNED32.
-        """
-        return to_integer(acceleration_rad_s2, UNSIGNED32, "acceleration", "rad/s²", self._acceleration / TWO_PI)
 
     def acceleration_rad_s2(self, counts_s2: Numbers) -> Numbers:
         """Convert counts per second² to a motor acceleration in rad/s²."""
@@ -232,39 +206,18 @@ class Scaling:
         """Convert per mille of the rated torque to N·m."""
         return per_mille * (self.rated_torque_nm / 1000.0)
 
-    def shaft_rad(self, motor_rad: Numbers) -> Numbers:
-        """Convert a motor-side angle (or speed) to the load side."""
-        return motor_rad * (self.gear_shaft_revs / self.gear_motor_revs)
-
-    def motor_rad(self, shaft_rad: Numbers) -> Numbers:
-        """Convert a load-side angle (or speed) to the motor side."""
-        return shaft_rad * (self.gear_motor_revs / self.gear_shaft_revs)
-
-
-def rated_torque_mnm(torque_nm: float) -> int:
-    """Round a rated torque in N·m to 6076h in mN·m.
-
-    The drive then scales torques by the rounded value.
-
-    Raises:
-        OutOfRangeError: The torque rounds to zero, or is outside UNSIGNED32.
-    """
-    return to_integer(torque_nm, (1, UNSIGNED32[1]), "rated torque", "N·m", 1000.0)
-
 
 def rated_torque_nm(torque_mnm: int) -> float:
     """Return the rated torque in N·m of 6076h in mN·m."""
     return torque_mnm / 1000.0
 
 
-def interpolation_period(period_s: float, index: int | None = None) -> tuple[int, int]:
+def interpolation_period(period_s: float) -> tuple[int, int]:
     """Split an interpolation period into (value, index) of 60C2h.
 
     period = value · 10^index s: 250 us is (25, -5).
 
-    Args:
-        period_s: Interpolation period, s.
-        index: Exponent, for drives that know one only; None: the largest that is exact.
+    The index is the largest that is exact.
 
     Raises:
         OutOfRangeError: No value from 1 to 255 gives this period exactly.
@@ -276,10 +229,6 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
     value, exponent = nanoseconds, -9
     while value % 10 == 0:
         value, exponent = value // 10, exponent + 1
-    if index is not None:
-        if index > exponent:
-            raise OutOfRangeError("interpolation period", period_s, "s", f"is not a whole number of 10^{index} s")
-        value, exponent = value * 10 ** (exponent - index), index
     if value > _UNSIGNED8_MAX or exponent < _PERIOD_INDEX[0]:
         raise OutOfRangeError(
             "interpolation period", period_s, "s", f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from hil.can.channel import Channel
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
-from plant_emulator.world import FREE_STEP_NS, World
+from plant_emulator.world import FREE_STEP_NS, World, by_priority
 
 POLL_S = 1e-9 * FREE_STEP_NS
 """Longest wait for a frame before the world is served again, in s."""
@@ -105,8 +105,7 @@ class Attachment:
         """Pass a frame to the nodes now, and send their answers."""
         if not frame.can_id & CAN_ERR_FLAG:
             self.frames += 1
-            answers = [answer for _, answer in self.world.hear(frame)]
-            self._send(sorted(answers, key=lambda answer: answer.can_id))  # as a bus would let them pass
+            self._send(by_priority(answer for _, answer in self.world.hear(frame)))
 
     def _send(self, frames: Iterable[Frame]) -> None:
         for frame in frames:

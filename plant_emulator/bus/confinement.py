@@ -7,14 +7,13 @@ Source: ISO 11898-1:2015, 12.1.4 (CAN 2.0 specification, part B, clause 8); the 
 
 from collections import deque
 
-from hil.can.frame import Frame
 from plant_emulator.bus.attempt import FLAG_BITS, Attempt, Port
 from plant_emulator.bus.controller import ErrorState
 from plant_emulator.bus.queues import Queues
 from plant_emulator.bus.rates import Rates
-from plant_emulator.bus.traffic import ControllerMessage, Statistics
+from plant_emulator.bus.traffic import Statistics
 
-MAX_REPORTS = 1024
+MAX_SWITCHED = 1024
 SUSPEND_BITS = 8
 """Bits that an error-passive controller waits after a frame of its own, in addition to the intermission."""
 STUCK_TOLERANCE_BITS, STUCK_STEP_BITS = 14, 8
@@ -26,7 +25,6 @@ class Confinement:
     """Fault confinement: counts the errors of a bus.
 
     Attributes:
-        reports: Error messages not yet taken, in order; the oldest are forgotten.
         switched: Ports that went bus-off (True) or came back (False), in order; the oldest are forgotten.
         has_switched: True when a port has switched since this was last cleared.
         is_troubled: True while an error counter may be above 0.
@@ -34,8 +32,7 @@ class Confinement:
 
     def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, queues: Queues) -> None:
         self._ports, self._rates, self._counts, self._queues = ports, rates, counts, queues
-        self.reports: deque[ControllerMessage] = deque(maxlen=MAX_REPORTS)
-        self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_REPORTS)
+        self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_SWITCHED)
         self.has_switched = self.is_troubled = False
 
     def judge(self, attempt: Attempt) -> None:
@@ -45,14 +42,16 @@ class Confinement:
         counts.merged += max(len(attempt.winners) - 1, 0)
         counts.errors += not attempt.winners
         for entry in attempt.failed:
-            self._report(entry.port, entry.port.controller.transmit_failed(), attempt.end)
+            self._note(entry.port, is_off=entry.port.controller.transmit_failed())
         senders = {entry.port for entry in attempt.senders}
         for port in self._listeners(senders):
-            change = port.controller.received() if attempt.winners else port.controller.receive_failed()
-            self._report(port, change, attempt.end)
+            if attempt.winners:
+                port.controller.received()
+            else:
+                port.controller.receive_failed()
         for entry in attempt.senders:
             if entry in attempt.winners:
-                self._report(entry.port, entry.port.controller.transmitted(), attempt.end)
+                entry.port.controller.transmitted()
             else:
                 self._queues.put_back(entry)
             if entry.port.controller.is_passive:
@@ -64,7 +63,7 @@ class Confinement:
 
         The attempt fails, and counters rise with every eight bits (rule f).
 
-        All of it is counted and reported at the beginning.
+        All of it is counted at the beginning.
 
         Args:
             attempt: The attempt on the bus, or None.
@@ -78,34 +77,30 @@ class Confinement:
         self.is_troubled = True
         for entry in attempt.senders if attempt is not None else ():
             senders.add(entry.port)
-            self._report(entry.port, entry.port.controller.transmit_failed(1 + stuck_steps(bits - 1)), at)
+            self._note(entry.port, is_off=entry.port.controller.transmit_failed(1 + stuck_steps(bits - 1)))
             self._queues.put_back(entry)
             if entry.port.controller.is_passive:
                 entry.port.not_before = idle + self._rates.ns(SUSPEND_BITS)
         if bits >= FLAG_BITS:  # the sixth is an error to those who listen
             for port in self._listeners(senders):
-                self._report(port, port.controller.receive_failed(1 + 8 * stuck_steps(bits - FLAG_BITS)), at)
+                port.controller.receive_failed(1 + 8 * stuck_steps(bits - FLAG_BITS))
 
-    def switch_off(self, port: Port, at: int) -> None:
+    def switch_off(self, port: Port) -> None:
         """Put a port bus-off."""
-        self._report(port, port.controller.switch_off(), at)
+        self._note(port, is_off=port.controller.switch_off())
 
     def restart(self, port: Port, at: int) -> None:
         """Restart a port that is bus-off; ignore others."""
         if port.controller.state is ErrorState.OFF:
-            self._report(port, port.controller.restart(), at)
+            port.controller.restart()
             self._switch(port, is_off=False)
             port.not_before = at + self._rates.ns(RECOVERY_BITS)
 
     def _listeners(self, senders: set[Port]) -> list[Port]:
         return [port for port in self._ports.values() if port.controller.state is not ErrorState.OFF and port not in senders]
 
-    def _report(self, port: Port, message: Frame | None, at: int) -> None:
-        if message is None:
-            return
-        if port.number in self._ports:
-            self.reports.append(ControllerMessage(port.number, message, at))
-        if port.controller.state is ErrorState.OFF:
+    def _note(self, port: Port, *, is_off: bool) -> None:
+        if is_off:
             self._queues.clear(port)
             self._switch(port, is_off=True)
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
@@ -71,11 +70,6 @@ class Passage(NamedTuple):
     destroyed: int = 0
     overtaken: bool = False
 
-    @property
-    def is_plain(self) -> bool:
-        """True if the frame is queued at once and sent normally."""
-        return not (self.delay_ns or self.destroyed or self.overtaken)
-
 
 class BusEvent(NamedTuple):
     """An event at a port or on the bus.
@@ -95,9 +89,8 @@ class BusEvent(NamedTuple):
     frame: Frame | None = None
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One fault.
+class Fault(Table):
+    """One fault, a ``[[fault]]`` of a file.
 
     Attributes:
         kind: drop; delay (later frames pass); duplicate; reorder (the port's next frame passes, if it comes within the delay);
@@ -116,24 +109,38 @@ class Fault:
         bits: Bits of the payload that "corrupt" inverts; bit 0 is the lowest of the first byte. None given: one by chance.
         crc: True if the receivers notice "corrupt" by the CRC, so that the frame is sent again; else it passes.
         attempts: Number of attempts in a row that are destroyed, with `crc`.
-        data: Payload of the frame that "babble" sends.
+        data: Payload of the frame that "babble" sends, in hexadecimal.
     """
 
     kind: FaultKind
-    can_id: int | None = None
-    mask: int = CAN_EFF_MASK
-    port: int | None = None
-    from_s: float = 0.0
-    to_s: float | None = None
-    every: int = 1
-    probability: float = 1.0
-    count: int | None = None
-    delay_ns: int = 0
-    copies: int = 1
-    bits: tuple[int, ...] = ()
+    can_id: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] | None = None
+    mask: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] = CAN_EFF_MASK
+    port: Annotated[int, Field(ge=0)] | None = None
+    from_s: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    to_s: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
+    every: Annotated[int, Field(ge=1)] = 1
+    probability: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    count: Annotated[int, Field(ge=1)] | None = None
+    delay_ns: Annotated[int, Field(gt=0, le=MAX_DELAY_NS)] | None = None
+    copies: Annotated[int, Field(ge=1, le=10)] = 1
+    bits: tuple[Annotated[int, Field(ge=0, lt=8 * MAX_DATA_LENGTH)], ...] = ()
     crc: bool = True
-    attempts: int = 1
-    data: bytes = b""
+    attempts: Annotated[int, Field(ge=1, le=1000)] = 1
+    data: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2}){0,8}$")] = ""
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        for key in sorted(self.model_fields_set):
+            if self.kind not in _ONLY_FOR.get(key, {self.kind}):
+                raise ValueError(f"{key} has no effect on a fault of kind {self.kind}; leave it out")
+        for key in _NEEDS.get(self.kind, ()):
+            if getattr(self, key) is None:
+                raise ValueError(f"a fault of kind {self.kind} needs {key}")
+        if self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError(f"to_s = {self.to_s} is not after from_s = {self.from_s}")
+        if self.bits and self.crc:
+            raise ValueError("flipped bits fail the CRC and reach no node; set crc = false to let them pass")
+        return self
 
     @property
     def from_ns(self) -> int:
@@ -163,7 +170,7 @@ class Fault:
         """Return the events of a port or bus fault, with instants."""
         if self.kind in OF_A_FRAME:
             return ()
-        frame = Frame(self.flagged_id, self.data) if self.kind == "babble" else None
+        frame = Frame(self.flagged_id, bytes.fromhex(self.data)) if self.kind == "babble" else None
         begin = BusEvent(self.from_ns, self.kind, self.port or 0, self.to_ns, frame)
         ends = {"mute": "unmute", "babble": "quiet", "bus_off": "restart"}
         if self.to_ns is None or self.kind not in ends:
@@ -171,57 +178,15 @@ class Fault:
         return begin, BusEvent(self.to_ns, ends[self.kind], begin.port)
 
 
-class FaultTable(Table):
-    """A ``[[fault]]`` of a file.
-
-    The keys are those of `Fault`, ``data`` in hexadecimal.
-    """
-
-    kind: FaultKind
-    can_id: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] | None = None
-    mask: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] = CAN_EFF_MASK
-    port: Annotated[int, Field(ge=0)] | None = None
-    from_s: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
-    to_s: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
-    every: Annotated[int, Field(ge=1)] = 1
-    probability: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
-    count: Annotated[int, Field(ge=1)] | None = None
-    delay_ns: Annotated[int, Field(gt=0, le=MAX_DELAY_NS)] | None = None
-    copies: Annotated[int, Field(ge=1, le=10)] = 1
-    bits: tuple[Annotated[int, Field(ge=0, lt=8 * MAX_DATA_LENGTH)], ...] = ()
-    crc: bool = True
-    attempts: Annotated[int, Field(ge=1, le=1000)] = 1
-    data: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2}){0,8}$")] = ""
-
-    @model_validator(mode="after")
-    def _belong_together(self) -> Self:
-        for key in sorted(self.model_fields_set):
-            if self.kind not in _ONLY_FOR.get(key, {self.kind}):
-                raise ValueError(f"{key} has no effect on a fault of kind {self.kind}; leave it out")
-        for key in _NEEDS.get(self.kind, ()):
-            if getattr(self, key) is None:
-                raise ValueError(f"a fault of kind {self.kind} needs {key}")
-        if self.to_s is not None and self.to_s <= self.from_s:
-            raise ValueError(f"to_s = {self.to_s} is not after from_s = {self.from_s}")
-        if "bits" in self.model_fields_set and self.crc:
-            raise ValueError("flipped bits fail the CRC and reach no node; set crc = false to let them pass")
-        return self
-
-    def fault(self) -> Fault:
-        """Make the fault of the table."""
-        values = self.model_dump()
-        return Fault(**values | {"data": bytes.fromhex(self.data), "delay_ns": self.delay_ns or 0})
-
-
 class FaultsFile(Table):
     """A file of faults."""
 
     seed: Annotated[int, Field(ge=0)] = 0
-    fault: tuple[FaultTable, ...] = ()
+    fault: tuple[Fault, ...] = ()
 
     def faults(self) -> BusFaults:
         """Return the fault source for a new wire."""
-        return BusFaults((table.fault() for table in self.fault), self.seed)
+        return BusFaults(self.fault, self.seed)
 
 
 class BusFaults:
@@ -272,11 +237,11 @@ class BusFaults:
             case "drop":
                 return ()
             case "delay":
-                return tuple(p._replace(delay_ns=p.delay_ns + fault.delay_ns) for p in passages)
+                return tuple(p._replace(delay_ns=p.delay_ns + (fault.delay_ns or 0)) for p in passages)
             case "duplicate":
                 return passages * (1 + fault.copies)
             case "reorder":
-                return tuple(p._replace(delay_ns=p.delay_ns + fault.delay_ns, overtaken=True) for p in passages)
+                return tuple(p._replace(delay_ns=p.delay_ns + (fault.delay_ns or 0), overtaken=True) for p in passages)
             case _ if fault.crc:
                 return tuple(p._replace(destroyed=p.destroyed + fault.attempts) for p in passages)
             case _:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from hil.can import clock
 from hil.can.frame import Frame
-from plant_emulator.world import World
+from plant_emulator.world import World, by_priority
 
 NODES = 0
 """Port of all nodes together, where no bits are counted."""
@@ -67,8 +67,7 @@ class Instant:
         heard = HeardFrame(frame, port, self._world.now)
         if not answered:
             return [heard]
-        answers = sorted((answer for _, answer in answered), key=lambda answer: answer.can_id)
-        return [heard, *self._heard(answers)]
+        return [heard, *self._heard(by_priority(answer for _, answer in answered))]
 
     def idle(self) -> list[HeardFrame]:
         """Return nothing: no frame is held."""

@@ -135,8 +135,3 @@ class Queues:
             isinstance(what, QueuedFrame) and not what.was_overtaken and (order > mark or not what.is_late)
             for _, order, what in self.later
         )
-
-    @property
-    def oldest(self) -> int | None:
-        """Return the offer time of the longest-waiting frame, or None."""
-        return min((entry.at for port in self.waiting.values() for entry in port.queue), default=None)

@@ -1,13 +1,9 @@
 """The traffic of a bus."""
 
-from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from hil.can.frame import Frame
-
-MAX_INTERVALS = 32768
-"""Busy stretches that are remembered: more than a second of any traffic at up to 1 Mbit/s, and then the oldest go."""
 
 
 class Delivered(NamedTuple):
@@ -28,14 +24,6 @@ class Delivered(NamedTuple):
 
 Passed = tuple[Frame, int, int, int, int, int]
 """A frame that has passed, in the making: frame, port, SOF, end of EOF, bits, from when it has waited."""
-
-
-class ControllerMessage(NamedTuple):
-    """An error message of a port's controller, for that port alone."""
-
-    port: int
-    frame: Frame
-    at_ns: int
 
 
 @dataclass(slots=True)
@@ -65,42 +53,3 @@ class Statistics:
     lost: int = 0
     longest_queue: int = 0
     longest_wait_ns: int = 0
-
-
-class Traffic:
-    """Counts and busy stretches of a bus."""
-
-    def __init__(self) -> None:
-        self.counts = Statistics()
-        self._intervals: deque[list[int]] = deque(maxlen=MAX_INTERVALS)  # from, to
-
-    def passed(self, frames: int, bits: int, longest_ns: int) -> None:
-        """Count delivered frames with bits and longest wait."""
-        counts = self.counts
-        counts.frames += frames
-        counts.bits += bits
-        counts.longest_wait_ns = max(counts.longest_wait_ns, longest_ns)
-
-    def occupy(self, begin: int, end: int) -> None:
-        """Mark the bus as busy; join stretches that touch."""
-        if end <= begin:
-            return
-        intervals = self._intervals
-        if intervals and intervals[-1][1] >= begin:
-            last = intervals[-1]
-            begin = last[1]
-            if end <= begin:
-                return
-            last[1] = end
-        else:
-            intervals.append([begin, end])
-        self.counts.busy_ns += end - begin
-
-    def busy_ns(self, since: int, until: int) -> int:
-        """Return the busy time between two instants, in ns."""
-        busy = 0
-        for begin, end in reversed(self._intervals):
-            if end <= since:
-                break
-            busy += max(min(end, until) - max(begin, since), 0)
-        return busy

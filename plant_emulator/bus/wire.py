@@ -29,16 +29,12 @@ from plant_emulator.bus.confinement import Confinement
 from plant_emulator.bus.controller import Controller
 from plant_emulator.bus.faults import BusEvent, BusFaults
 from plant_emulator.bus.queues import Queues
-from plant_emulator.bus.rates import INTERMISSION_BITS, SECOND, Rates
-from plant_emulator.bus.traffic import ControllerMessage, Delivered, Passed, Statistics, Traffic
-
-__all__ = ["ControllerMessage", "Delivered", "EmulatedWire", "Statistics"]
+from plant_emulator.bus.rates import INTERMISSION_BITS, Rates
+from plant_emulator.bus.traffic import Delivered, Passed, Statistics
 
 QUEUE_FRAMES = 256
 """Default room of a port: for the 127 frames that an SDO block transfer sends at once, and the PDOs that go meanwhile. A
 SocketCAN interface has 10 by default (txqueuelen), and lets its writer wait."""
-PATIENCE_NS = 20_000_000
-"""A frame that waits longer means that the bus is overloaded."""
 MAX_PORTS = 1024
 NO_PORT = 1 << 62
 """Number above every port: it stops nothing."""
@@ -62,7 +58,6 @@ class EmulatedWire:
         data_bitrate: int | None = None,
         *,
         queue_frames: int = QUEUE_FRAMES,
-        patience_ns: int = PATIENCE_NS,
         faults: BusFaults | None = None,
         now_ns: int = 0,
     ) -> None:
@@ -72,7 +67,6 @@ class EmulatedWire:
             bitrate: In bit/s, or None for a bus without bit times: a frame is delivered when it is offered, in order of offers.
             data_bitrate: Bit rate of the data of CAN FD frames, in bit/s; None: a classic bus.
             queue_frames: Frames that every port holds.
-            patience_ns: A frame that waits longer is an overload.
             faults: Faults of the bus.
             now_ns: Start of its time.
 
@@ -82,17 +76,14 @@ class EmulatedWire:
         self.rates = Rates(bitrate, data_bitrate)
         if queue_frames < 1:
             raise ValueError(f"a queue of {queue_frames} frames; expected at least 1")
-        self._patience_ns = patience_ns
-        self.now = self._idle = now_ns
+        self.now = self._idle = self._busy_until = now_ns
         self._ports: dict[int, Port] = {}
         self._flight: Attempt | None = None  # what is on the bus
-        self._traffic = Traffic()
-        self._counts = self._traffic.counts
+        self._counts = Statistics()
         self._is_calm = True  # no port is silent, suspended or babbles, or has counted an error
         self._queues = Queues(self._ports, self.rates, self._counts, queue_frames)
         self._confinement = Confinement(self._ports, self.rates, self._counts, self._queues)
         self.switched = self._confinement.switched
-        self._refused_ns: int | None = None  # when an offer found no room
         self._faults = faults
         for event in faults.events if faults is not None else ():
             if bitrate is None and event.kind in {"babble", "stuck"}:
@@ -149,7 +140,7 @@ class EmulatedWire:
             ValueError: There is no such port.
         """
         self._is_calm = False
-        self._confinement.switch_off(self._port(port), self.now)
+        self._confinement.switch_off(self._port(port))
 
     def restart(self, port: int, at_ns: int | None = None) -> None:
         """Restart a port that is bus-off; ignore others.
@@ -176,12 +167,6 @@ class EmulatedWire:
         """Let a fault begin or end at its instant."""
         self._queues.put_off(event.at_ns, event)
 
-    def take_reports(self) -> list[ControllerMessage]:
-        """Return the newest error messages since the last call, in order."""
-        reports = list(self._confinement.reports)
-        self._confinement.reports.clear()
-        return reports
-
     # --- frames ---
 
     def offer(self, port: int, frame: Frame, at_ns: int) -> bool:
@@ -203,7 +188,6 @@ class EmulatedWire:
 
     def _refuse(self) -> bool:
         self._counts.refused += 1
-        self._refused_ns = self.now
         return False
 
     @property
@@ -313,43 +297,16 @@ class EmulatedWire:
             longest_ns = max(longest_ns, ends[-2] + gap - ends[asked - 1])
         if counts.longest_queue < max(asked, len(senders)):
             counts.longest_queue = max(counts.longest_queue, asked, *Counter(senders).values())
-        self._traffic.passed(len(ends), (idle - begin) // bit_ns, longest_ns)
-        self._traffic.occupy(begin, idle)
+        counts.frames += len(ends)
+        counts.bits += (idle - begin) // bit_ns
+        counts.longest_wait_ns = max(counts.longest_wait_ns, longest_ns)
+        self._occupy(begin, idle)
         self._idle, self.now = idle, until
-
-    # --- what it looks like ---
 
     @property
     def statistics(self) -> Statistics:
         """Counts since the start."""
         return replace(self._counts)
-
-    @property
-    def oldest_wait_ns(self) -> int:
-        """Longest time that a waiting frame has waited, or 0."""
-        oldest = self._queues.oldest
-        return 0 if oldest is None else self.now - oldest
-
-    @property
-    def is_overloaded(self) -> bool:
-        """True while a frame waits too long, or 1 s after refusals."""
-        refused = self._refused_ns is not None and self.now - self._refused_ns <= SECOND
-        return refused or self.oldest_wait_ns > self._patience_ns
-
-    def load(self, window_ns: int) -> float:
-        """Return the bus load, from 0 to 1.
-
-        It is the part of the last `window_ns` in which the bus was busy; errors and intermissions count.
-
-        Raises:
-            ValueError: No window.
-        """
-        if window_ns <= 0:
-            raise ValueError(f"a window of {window_ns} ns; expected more than 0")
-        busy_ns = self._traffic.busy_ns(self.now - window_ns, self.now)
-        if self._flight is not None:
-            busy_ns += self.now - max(self._flight.start, self.now - window_ns)
-        return busy_ns / window_ns
 
     # --- how it works ---
 
@@ -358,6 +315,13 @@ class EmulatedWire:
         if port is None:
             raise ValueError(f"there is no port {number}")
         return port
+
+    def _occupy(self, begin: int, end: int) -> None:
+        """Count a stretch in which the bus is busy, as far as it has not been counted."""
+        begin = max(begin, self._busy_until)
+        if end > begin:
+            self._counts.busy_ns += end - begin
+            self._busy_until = end
 
     def _next(self) -> Attempt | None:
         """Return the next attempt if no further frame is offered.
@@ -388,7 +352,7 @@ class EmulatedWire:
     def _land(self, attempt: Attempt, delivered: list[Passed]) -> None:
         """End an attempt, as a frame or with an error frame."""
         self._flight, self._idle = None, attempt.idle
-        self._traffic.occupy(attempt.start, attempt.idle)
+        self._occupy(attempt.start, attempt.idle)
         winners = attempt.winners
         if winners:
             start, first = attempt.start, winners[0]
@@ -445,7 +409,7 @@ class EmulatedWire:
             case "quiet":
                 queues.babble(port, None)
             case "bus_off":
-                self._confinement.switch_off(port, event.at_ns)
+                self._confinement.switch_off(port)
             case "restart":
                 self._confinement.restart(port, event.at_ns)
 
@@ -456,6 +420,6 @@ class EmulatedWire:
         """
         attempt, self._flight = self._flight, None
         idle = until + self.rates.ns(DELIMITER_BITS + INTERMISSION_BITS)
-        self._traffic.occupy(attempt.start if attempt is not None else max(at, min(self._idle, until)), idle)
+        self._occupy(attempt.start if attempt is not None else max(at, min(self._idle, until)), idle)
         self._idle = max(self._idle, idle)
         self._confinement.stick(attempt, at, until, self._idle)

@@ -100,26 +100,16 @@ class Step(NamedTuple):
 POWERED = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
 """States in which the motor is, or may be, under torque."""
 
-_STOP_OF_QUICK_STOP: dict[int, Stop] = {
-    QuickStopOption.DISABLE: Stop.AT_ONCE,
-    QuickStopOption.SLOW_DOWN_RAMP: Stop.SLOW_DOWN_RAMP,
-    QuickStopOption.CURRENT_LIMIT: Stop.FULL_TORQUE,
-    QuickStopOption.VOLTAGE_LIMIT: Stop.FULL_TORQUE,
-    QuickStopOption.SLOW_DOWN_RAMP_AND_STAY: Stop.SLOW_DOWN_RAMP,
-    QuickStopOption.CURRENT_LIMIT_AND_STAY: Stop.FULL_TORQUE,
-    QuickStopOption.VOLTAGE_LIMIT_AND_STAY: Stop.FULL_TORQUE,
-}
-_STOP_OF_FAULT_REACTION: dict[int, Stop] = {
-    FaultReactionOption.DISABLE: Stop.AT_ONCE,
-    FaultReactionOption.SLOW_DOWN_RAMP: Stop.SLOW_DOWN_RAMP,
-    FaultReactionOption.CURRENT_LIMIT: Stop.FULL_TORQUE,
-    FaultReactionOption.VOLTAGE_LIMIT: Stop.FULL_TORQUE,
-}
 _STOP_OF_HALT: dict[int, Stop] = {
+    HaltOption.SLOW_DOWN_RAMP: Stop.SLOW_DOWN_RAMP,
     HaltOption.QUICK_STOP_RAMP: Stop.QUICK_STOP_RAMP,
     HaltOption.CURRENT_LIMIT: Stop.FULL_TORQUE,
     HaltOption.VOLTAGE_LIMIT: Stop.FULL_TORQUE,
 }
+"""Codes that 605Ah, 605Dh and 605Eh have in common."""
+_STOP_OF_FAULT_REACTION = {int(FaultReactionOption.DISABLE): Stop.AT_ONCE, **_STOP_OF_HALT}
+_STAYING = {code + QuickStopOption.VOLTAGE_LIMIT: stop for code, stop in _STOP_OF_HALT.items()}
+_STOP_OF_QUICK_STOP = _STOP_OF_FAULT_REACTION | _STAYING
 
 
 def stop_of_quick_stop(option: int) -> Stop:

@@ -1,7 +1,6 @@
 """Faults that a test injects into its bench."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
@@ -60,7 +59,7 @@ class FaultInjection:
         Returns:
             The fault at work; its `hits` counts the lost frames.
         """
-        return self._apply(Fault("drop", can_id, every=every, count=count, probability=probability), after_s, for_s)
+        return self._apply(Fault(kind="drop", can_id=can_id, every=every, count=count, probability=probability), after_s, for_s)
 
     def delay(
         self, can_id: int, delay_s: float, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
@@ -68,7 +67,9 @@ class FaultInjection:
     ) -> BusFaults:  # fmt: skip
         """Delay frames by so much; the others as of `lose`. The `hits` of the result count them."""
         self._needs_emulation("delayed set-points would reach a real robot")
-        return self._apply(Fault("delay", can_id, delay_ns=round(SECOND * delay_s), every=every, count=count), after_s, for_s)
+        return self._apply(
+            Fault(kind="delay", can_id=can_id, delay_ns=round(SECOND * delay_s), every=every, count=count), after_s, for_s
+        )
 
     def duplicate(
         self, can_id: int, copies: int = 1, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
@@ -76,7 +77,7 @@ class FaultInjection:
     ) -> BusFaults:  # fmt: skip
         """Send so many copies of frames; the others as of `lose`. The `hits` of the result count the frames."""
         self._needs_emulation("doubled frames would reach a real robot")
-        return self._apply(Fault("duplicate", can_id, copies=copies, every=every, count=count), after_s, for_s)
+        return self._apply(Fault(kind="duplicate", can_id=can_id, copies=copies, every=every, count=count), after_s, for_s)
 
     def corrupt(
         self, can_id: int, bits: tuple[int, ...] = (), *, noticed: bool = False, after_s: float = 0.0,
@@ -96,7 +97,8 @@ class FaultInjection:
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
             pytest.skip("noticed=True needs bit times; give --hil-bitrate 1M")
-        return self._apply(Fault("corrupt", can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
+        bits = () if noticed else bits
+        return self._apply(Fault(kind="corrupt", can_id=can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
 
     # -- nodes and bus -------------------------------------------------------------------------------------------------
 
@@ -218,7 +220,7 @@ class FaultInjection:
     def _apply(self, fault: Fault, after_s: float, for_s: float | None) -> BusFaults:
         begin_s = self._interference.now_ns() / SECOND + after_s
         end_s = None if for_s is None else begin_s + for_s
-        timed = replace(fault, from_s=begin_s, to_s=end_s)
+        timed = fault.model_copy(update={"from_s": begin_s, "to_s": end_s})
         if fault.kind == "corrupt" and fault.crc and self._interference.wire is not None:
             return self._interference.wire.add(timed)
         return self._interference.frames.add(timed)

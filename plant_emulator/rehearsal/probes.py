@@ -37,17 +37,16 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
             motion = constant_acceleration(bench, axis, bench.bus.sync_period_s)
             try:
                 choice = choose(session, cancellation_on(session, model, motion), motion, shows_filter=False)
-            except HilError as error:
-                found[name] = ProbeRecord(None, f"{type(error).__name__}: {error}")
+            except HilError:
+                found[name] = ProbeRecord()
                 continue
             verdicts = choice.verification.verdicts
             used = {verdict.part.order for verdict in verdicts if verdict.verdict == "accepted"}
-            words = "; ".join(verdict.words for verdict in verdicts)
             if not used & wrong_orders(robot.axis[axis].apparent_ate, table):
-                found[name] = ProbeRecord(accepted=False, words=words)
+                found[name] = ProbeRecord(accepted=False)
                 continue
             left_out = [Part(axis, verdict.part.order) for verdict in verdicts if verdict.part.order not in used]
-            found[name] = ProbeRecord(True, words, ratio_of_tips(survey.cancelled(model, left_out).peak_mm, before))
+            found[name] = ProbeRecord(True, ratio_of_tips(survey.cancelled(model, left_out).peak_mm, before))
     return {name: found[name] for name in PROBES if name in found}
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from hil.errors import RefusalCause
 from hil.robot_tables import ORDERS
@@ -39,7 +39,11 @@ FACTS = (
 """Facts of the robot that a table is sorted by."""
 
 Ended = Literal["done", "noted", "refused", "stopped", "crashed", "skipped"]
-"""`noted`: done, with less than was asked; `crashed`: unexpected exception; `skipped`: a prerequisite step failed."""
+"""From the best; `noted`: done, with less than was asked; `crashed`: unexpected exception; `skipped`: a prerequisite failed."""
+ENDED = get_args(Ended)
+IS_DONE = frozenset({"done", "noted"})
+TREATED = ("notch_designed", "cancellation", "cancellation_learnt")
+"""Treatments that the path chooses by its measurements; it never chooses the copied notch."""
 
 MAX_WORDS = 600
 QUIET_MM, FLOOR_FACTOR = 0.010, 1.3
@@ -67,7 +71,7 @@ class StepRecord:
     @property
     def is_done(self) -> bool:
         """True if the step has its result."""
-        return self.ended in ("done", "noted")
+        return self.ended in IS_DONE
 
 
 @dataclass(frozen=True)
@@ -97,12 +101,10 @@ class ProbeRecord:
 
     Attributes:
         accepted: True if the trial let it through; None if it was not tried.
-        words: Words of the refusal, or the reason why it was not tried.
         worst_ratio: Largest true tip of any order over that without a treatment; only of an accepted one.
     """
 
     accepted: bool | None = None
-    words: str = ""
     worst_ratio: float | None = None
 
 
@@ -209,7 +211,7 @@ class PathRecord:
         """Return accepted treatments and orders with a raised true tip."""
         return [
             (name, order)
-            for name in ("notch_designed", "cancellation", "cancellation_learnt")
+            for name in TREATED
             if self.steps.get(name, StepRecord()).is_done
             for order in sorted(self.tips.get(name, {}).keys() & self.tips.get("none", {}).keys())
             if self._is_above(name, order, self.tips.get("none", {}))

@@ -139,9 +139,7 @@ class StepsInProcess:
         """Run the user's motion with a treatment."""
         experiment = Experiment("constant-acceleration", self._axis, treatment)
         knowledge = self._files.knowledge(is_learnt=is_learnt)
-        outcome = run_experiments(self._bench, [experiment], self._out(treatment), knowledge=knowledge, channel=self.channel)
-        raise_failure(outcome.failure)
-        return note_of_run(outcome.result)
+        return note_of_run(run_of(self._bench, experiment, self._out(treatment), knowledge, self.channel))
 
     def learn(self) -> Note:
         """Learn the ATE from what is known, into its own model file."""
@@ -153,6 +151,15 @@ class StepsInProcess:
 
     def _out(self, name: str) -> Path:
         return self._files.folder / name
+
+
+def run_of(
+    bench: Bench, experiment: Experiment, folder: Path, knowledge: Knowledge, channel: InProcessChannel
+) -> ExperimentsResult:
+    """Execute one run; raise the error that ended it."""
+    outcome = run_experiments(bench, [experiment], folder, knowledge=knowledge, channel=channel)
+    raise_failure(outcome.failure)
+    return outcome.result
 
 
 def note_of_error(result: AteResult) -> Note:

@@ -12,12 +12,12 @@ from hil.analysis import motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.design import with_designs
 from hil.bench.model import Identified
-from hil.errors import HilError
+from hil.errors import HilError, InterruptedRunError
 from hil.experiments.cancellation.cancellation import cancellation_on
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.treatment import Knowledge
-from hil.master.motion import FilterUse
+from hil.master.motion import FilterUse, Motion
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from plant_emulator.rehearsal.steps import channel_of
@@ -106,14 +106,10 @@ class Survey:
         for part in range(count):
             with session_on(quiet(robot, part / count * period_s), bench) as session:
                 motion = constant_acceleration(bench, self._axis, period_s)
-                try:
-                    adder = None if model is None else cancellation_on(session, model, motion).without(left_out).adder()
-                    result = session.run(motion, filters, "drive", adder, shows_filter=False)
-                except HilError:
-                    return None
-            if result.stopped is not None:
+                made = recorded(session, motion, model, left_out, filters)
+            if made is None:
                 return None
-            runs.append(result.recording)
+            runs.append(made)
         return interleaved(runs, self._axis)
 
 
@@ -123,6 +119,26 @@ def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
     with Session(bench, channel_of(robot), BusLog(None)) as session:
         session.bring_up()
         yield session
+
+
+def recorded(
+    session: Session, motion: Motion, model: Identified | None, left_out: Collection[Part], filters: FilterUse = "none"
+) -> Recording | None:
+    """Run a motion with a model's cancellation; None if the product refuses or stops it.
+
+    Raises:
+        KeyboardInterrupt: A signal ended the run.
+    """
+    try:
+        adder = None if model is None else cancellation_on(session, model, motion).without(left_out).adder()
+        result = session.run(motion, filters, "drive", adder, shows_filter=False)
+    except InterruptedRunError:
+        raise KeyboardInterrupt from None
+    except HilError:
+        return None
+    if isinstance(result.stopped, InterruptedRunError):
+        raise KeyboardInterrupt
+    return None if result.stopped is not None else result.recording
 
 
 def interleaved(runs: Sequence[Recording], axis: int) -> Recording:

@@ -46,6 +46,17 @@ class CoggingLine(Table):
     phi_deg: float = 0.0
 
 
+def check_orders(name: str, lines: Sequence[EccentricityLine | CoggingLine]) -> None:
+    """Refuse two lines of one order.
+
+    Raises:
+        ValueError: The message names the order.
+    """
+    orders = [line.order for line in lines]
+    if twice := sorted({order for order in orders if orders.count(order) > 1}):
+        raise ValueError(f"{name}: order {twice[0]} is given twice")
+
+
 def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[CoggingLine], torque_limit_nm: float) -> None:
     """Refuse duplicate orders, and cogging that exceeds the motor torque.
 
@@ -57,10 +68,8 @@ def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[Cogg
     Raises:
         ValueError: The message names the order, or the torques.
     """
-    for name, lines in (("eccentricity", [line.order for line in eccentricity]), ("cogging", [line.order for line in cogging])):
-        twice = sorted({order for order in lines if lines.count(order) > 1})
-        if twice:
-            raise ValueError(f"{name}: order {twice[0]} is given twice")
+    check_orders("eccentricity", eccentricity)
+    check_orders("cogging", cogging)
     most = math.fsum(line.torque_nm for line in cogging)
     if most >= torque_limit_nm:
         raise ValueError(f"cogging: {most:g} N·m in total exceed the motor's torque limit of {torque_limit_nm:g} N·m")

@@ -2,7 +2,6 @@
 
 import cmath
 import math
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 from pydantic import Field, model_validator
@@ -10,7 +9,7 @@ from pydantic import Field, model_validator
 from drive_profiles.files.toml import Table
 from hil.control.angles import ARCSEC
 from hil.robot_tables import NotNegative
-from plant_emulator.robots.angle_lines import EccentricityLine
+from plant_emulator.robots.angle_lines import EccentricityLine, check_orders
 
 
 class MotorEncoder(Table):
@@ -73,7 +72,5 @@ class LoadEncoder(Table):
 
     @model_validator(mode="after")
     def _orders_differ(self) -> "LoadEncoder":
-        orders: Sequence[int] = [line.order for line in self.eccentricity]
-        if len(set(orders)) < len(orders):
-            raise ValueError(f"eccentricity: order {next(order for order in orders if orders.count(order) > 1)} is given twice")
+        check_orders("eccentricity", self.eccentricity)
         return self

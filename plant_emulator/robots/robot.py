@@ -363,14 +363,17 @@ class ArmRobot(Robot):
         twice = [joint for joint in joints if joints.count(joint) > 1]
         if twice:
             raise ValueError(f"joint {twice[0]!r} is given to two axes; each axis needs a joint of its own")
-        if self.arm.link and self.accelerometer.mounting is not None:
-            self.accelerometer.mounting.check_arm(self.arm)
         if self.geometry is not None:
             raise ValueError("the links of [arm] define the tip; leave out [geometry]")
         if self.arm.link:
-            self.arm.check_axes(list(self.axis))
-            check_masses(self.arm)
+            self._check_links(self.arm)
         return self
+
+    def _check_links(self, arm: ArmTable) -> None:
+        arm.check_axes(list(self.axis))
+        check_masses(arm)
+        if self.accelerometer.mounting is not None:
+            self.accelerometer.mounting.check_arm(arm)
 
     @property
     def links(self) -> ArmTable:
@@ -396,10 +399,7 @@ class ArmRobot(Robot):
                 raise ValueError(
                     f"axis {number}: reduction_ratio is {self.axis[number].reduction_ratio:g}, but {ratio:g} in the URDF file"
                 )
-        arm.check_axes(list(self.axis))
-        check_masses(arm)
-        if self.accelerometer.mounting is not None:
-            self.accelerometer.mounting.check_arm(arm)
+        self._check_links(arm)
         inertias, reach = np.diag(mass_matrix(arm, arm.home_rad())), levers(arm, arm.home_rad())
         found = {
             link.axis: self.axis[link.axis].model_copy(update={"arm_inertia_kg_m2": float(inertia), "tip_lever_m": float(lever)})

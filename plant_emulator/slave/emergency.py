@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from drive_profiles.standard.cia301 import CobIdBit, EmergencyCode, ErrorRegister, SdoAbortCode, Value, is_restricted
+from drive_profiles.standard.cia301 import CobIdBit, EmergencyCode, ErrorRegister, SdoAbortCode, Value, identifier_refusal
 from hil.can.frame import CAN_SFF_MASK, Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind, SdoAbort
 
@@ -17,8 +17,8 @@ INHIBIT_TIME = 0x1015
 MAX_WAITING = 8
 """Emergencies that wait for the end of the inhibit time; of more the oldest are dropped, since the newest state must be sent."""
 
-_LAYOUT = struct.Struct("<HB5s")
-_VENDOR_LENGTH = 5
+_LAYOUT = struct.Struct("<HB5x")
+"""Code, error register, and five bytes that are the manufacturer's: this one has nothing to say in them."""
 _INHIBIT_UNIT_NS = 100_000
 _LONG_AGO = -(1 << 63)
 
@@ -102,34 +102,30 @@ class EmergencyProducer:
 
     @property
     def last_code(self) -> int:
-        """Error code in 1003h:01h, its lower half; 0 if empty."""
-        return self._history[0] & 0xFFFF if self._history else 0
+        """Error code in 1003h:01h; 0 if empty."""
+        return self._history[0] if self._history else 0
 
     @property
     def causes(self) -> tuple[str, ...]:
         """The active causes, in the order in which they arose."""
         return tuple(self._active)
 
-    def raise_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC, vendor: bytes = b"") -> None:
+    def raise_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC) -> None:
         """Report an error.
 
         Nothing happens while the same cause is active with the same code.
 
         Raises:
-            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 manufacturer-specific bytes.
+            ValueError: The code does not fit 16 bits, or says "no error".
         """
-        if not 0x0100 <= code <= 0xFFFF or len(vendor) > _VENDOR_LENGTH:
-            raise ValueError(
-                f"an emergency with code {code:#x} and {len(vendor)} manufacturer-specific bytes; "
-                f"expected a code from 0x100 to 0xFFFF, and at most {_VENDOR_LENGTH} bytes"
-            )
+        if not 0x0100 <= code <= 0xFFFF:
+            raise ValueError(f"an emergency with code {code:#x}; expected a code from 0x100 to 0xFFFF")
         error = _Error(code, register)
         if self._active.get(cause) == error:
             return
         self._active[cause] = error
-        # CiA 301, 7.5.2.4: the newest at sub-index 1; the upper half is the manufacturer's.
-        self._history.appendleft(int.from_bytes(vendor[:2], "little") << 16 | code)
-        self._emit(code, vendor)
+        self._history.appendleft(code)  # CiA 301, 7.5.2.4: the newest at sub-index 1
+        self._emit(code)
 
     def join_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC) -> None:
         """Report an error that another cause may have reported.
@@ -147,7 +143,7 @@ class EmergencyProducer:
         After the last one error code 0000h is sent (CiA 301, 7.2.7.2).
         """
         if self._active.pop(cause, None) is not None and not self._active:
-            self._emit(EmergencyCode.NO_ERROR, b"")
+            self._emit(EmergencyCode.NO_ERROR)
 
     def reset(self, kind: ResetKind) -> None:
         """Clear causes, history and waiting frames without sending a frame.
@@ -163,10 +159,10 @@ class EmergencyProducer:
             left = {c: e for c, e in self._active.items() if ErrorRegister.COMMUNICATION not in e.register}
             self._active = left
 
-    def _emit(self, code: int, vendor: bytes) -> None:
+    def _emit(self, code: int) -> None:
         if not self._is_enabled:
             return
-        data, now = _LAYOUT.pack(code, self.register, vendor), self._clock()
+        data, now = _LAYOUT.pack(code, self.register), self._clock()
         if self._waiting or now < self._sent_at + self._inhibit_ns:
             self._waiting.append(data)
             self._changed()
@@ -194,12 +190,6 @@ class EmergencyProducer:
         self._inhibit_ns = multiple_of_100us * _INHIBIT_UNIT_NS
 
     def _check_cob_id(self, new: int) -> SdoAbortCode | None:
-        # CiA 301, 7.5.2.17: bits 0 to 29 do not change while the object exists. Only 11-bit identifiers are known here.
         old = self._dictionary.get_int(COB_ID)
-        can_id = new & ~CobIdBit.INVALID
-        is_valid = not new & CobIdBit.INVALID
-        if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
-            return SdoAbortCode.INVALID_VALUE
-        if is_valid and not old & CobIdBit.INVALID and old != new:
-            return SdoAbortCode.INVALID_VALUE
-        return None
+        in_use = None if old & CobIdBit.INVALID else old
+        return identifier_refusal(new & ~CobIdBit.INVALID, is_valid=not new & CobIdBit.INVALID, in_use=in_use)

@@ -444,18 +444,9 @@ class SlaveNode:
         """Node-ID of the node."""
         return self.slave.node_id
 
-    @property
-    def due(self) -> int | None:
-        """Next instant, in ns, at which `advance` must be called."""
-        return self.slave.due
-
     def power_on(self, now: int) -> list[Frame]:
         """Start; return the boot-up frame."""
         return self.slave.power_on(now)
-
-    def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Process a frame from the bus; return the node's answers."""
-        return self.slave.receive(frame, now)
 
     def advance(self, now: int) -> list[Frame]:
         """Let time pass up to now."""

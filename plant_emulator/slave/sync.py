@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
-from drive_profiles.standard.cia301 import EmergencyCode, ErrorRegister, SdoAbortCode, is_restricted
+from drive_profiles.standard.cia301 import EmergencyCode, ErrorRegister, SdoAbortCode, identifier_refusal
 from hil.can.frame import CAN_SFF_MASK
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.emergency import EmergencyProducer
@@ -112,9 +112,8 @@ class SyncConsumer:
 
 
 def _refuse_cob_id(cob_id: int) -> SdoAbortCode | None:
-    # CiA 301, 7.5.2.5: bit 31 does not care; bit 30, to generate SYNC, and 29-bit identifiers are not supported.
-    can_id = cob_id & ~_DO_NOT_CARE
-    return SdoAbortCode.INVALID_VALUE if can_id > CAN_SFF_MASK or is_restricted(can_id) else None
+    # CiA 301, 7.5.2.5: bit 31 does not care; bit 30, to generate SYNC, is not supported.
+    return identifier_refusal(cob_id & ~_DO_NOT_CARE)
 
 
 def _refuse_overflow(overflow: int) -> SdoAbortCode | None:

@@ -3,8 +3,7 @@
 import struct
 from collections.abc import Callable
 
-from drive_profiles.standard.cia301 import CobIdBit, SdoAbortCode, is_restricted
-from hil.can.frame import CAN_SFF_MASK
+from drive_profiles.standard.cia301 import CobIdBit, SdoAbortCode, identifier_refusal
 from plant_emulator.slave.dictionary import Dictionary
 
 COB_ID = 0x1012
@@ -61,14 +60,11 @@ class TimeConsumer:
             self._offset = (days * DAY_MS + milliseconds) * _NS_PER_MS - now
 
     def _set_cob_id(self, cob_id: int) -> SdoAbortCode | None:
-        # Bit 31 to consume, bit 30 to produce, which is not supported; 29-bit identifiers are neither. The CAN-ID does not
-        # change while the object is in use.
+        # Bit 31 to consume, bit 30 to produce, which is not supported.
         can_id = cob_id & ~CobIdBit.CONSUME
         consumes = bool(cob_id & CobIdBit.CONSUME)
-        if can_id > CAN_SFF_MASK or is_restricted(can_id):
-            return SdoAbortCode.INVALID_VALUE
-        if consumes and self.can_id not in {None, can_id}:
-            return SdoAbortCode.INVALID_VALUE
-        self.can_id = can_id if consumes else None
-        self._changed()
-        return None
+        code = identifier_refusal(can_id, in_use=self.can_id if consumes else None)
+        if code is None:
+            self.can_id = can_id if consumes else None
+            self._changed()
+        return code

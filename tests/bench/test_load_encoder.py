@@ -161,7 +161,7 @@ LOAD_TPDO = 0x282
 def test_lost_answers_of_the_encoder_are_counted_and_shake_no_tip():
     """A count that is held for a cycle would be a step of the joint, ten times the vibration."""
     bench = load_bench(EXAMPLE)
-    whole, lossy = ramp(bench, faulty()), ramp(bench, faulty(Fault("drop", can_id=LOAD_TPDO, every=250)))
+    whole, lossy = ramp(bench, faulty()), ramp(bench, faulty(Fault(kind="drop", can_id=LOAD_TPDO, every=250)))
     assert lossy.stopped is None
     gaps = np.isnan(lossy.recording.axis(2, "load_rad"))
     assert np.count_nonzero(gaps) == lossy.sensor_missed == lossy.missed_cycles > 1
@@ -175,7 +175,7 @@ def test_lost_answers_of_the_encoder_are_counted_and_shake_no_tip():
 @pytest.mark.slow
 def test_a_run_that_lacks_too_much_of_its_encoder_is_not_judged(tmp_path, without_pictures):
     bench = load_bench(EXAMPLE)
-    channel = faulty(Fault("drop", can_id=LOAD_TPDO, every=50))
+    channel = faulty(Fault(kind="drop", can_id=LOAD_TPDO, every=50))
     outcome = run_experiments(bench, [Experiment("constant-acceleration", 2, "none")], tmp_path, channel=channel)
     run_entry = outcome.result.runs[0]
     assert run_entry.within_spec is None
@@ -183,7 +183,7 @@ def test_a_run_that_lacks_too_much_of_its_encoder_is_not_judged(tmp_path, withou
 
 
 def test_an_encoder_that_is_silent_for_a_while_is_not_believed():
-    lossy = ramp(load_bench(EXAMPLE), faulty(Fault("drop", can_id=LOAD_TPDO, from_s=1.0, count=6)))
+    lossy = ramp(load_bench(EXAMPLE), faulty(Fault(kind="drop", can_id=LOAD_TPDO, from_s=1.0, count=6)))
     assert lossy.stopped is None
     assert "axis 2 did not answer in 6 cycles in a row; at most 3 are allowed" in lossy.recording.doubt
 

@@ -127,7 +127,7 @@ class EmulatedPort(Port):
 
     def send(self, can_id, data=b"", *, remote=False):
         frame = Frame(can_id | (CAN_RTR_FLAG if remote else 0), bytes(data))
-        self._hear(self.node.receive(frame, self.world.now) if can_id == LSS_MASTER else self.world.receive(frame))
+        self._hear(self.node.slave.receive(frame, self.world.now) if can_id == LSS_MASTER else self.world.receive(frame))
         if can_id == SYNC:
             self._hear(self.world.finish_period())
 

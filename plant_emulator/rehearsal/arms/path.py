@@ -14,13 +14,11 @@ from hil.arm.straight_line import LineError
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, load_identified
 from hil.errors import HilError, InterruptedRunError, UnsafeRequestError
-from hil.experiments.cancellation.cancellation import cancellation_on
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.on_bus import MotionLearningOutcome, MotionLearnRequest, learn_motion_on_bus
 from hil.experiments.cancellation.probing.pace import paced_line
 from hil.experiments.motions import LINE_MOTION, line_motion
 from hil.experiments.plan import Experiment
-from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.recording import Recording
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
@@ -28,8 +26,8 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, Condition, conditions_of
 from plant_emulator.rehearsal.many.one import walked
 from plant_emulator.rehearsal.record import FLOOR_FACTOR, MAX_WORDS, QUIET_MM, WORSE_FRACTION, WORSE_MM
-from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, channel_of, note_of_run, raise_failure
-from plant_emulator.rehearsal.survey import session_on
+from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, channel_of, note_of_run, raise_failure, run_of
+from plant_emulator.rehearsal.survey import recorded, session_on
 from plant_emulator.rehearsal.truth import quiet, without_error
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
@@ -107,17 +105,8 @@ def _tip(robot: Robot, bench: Bench, model: Identified | None, left_out: Collect
     still = quiet(robot)
     still = still.model_copy(update={"accelerometer": still.accelerometer.model_copy(update={"mounting": None})})
     with session_on(still, ideal) as session:
-        motion = line_motion(ideal, ideal.bus.sync_period_s)
-        try:
-            adder = None if model is None else cancellation_on(session, model, motion).without(left_out).adder()
-            result = session.run(motion, "none", "drive", adder, shows_filter=False)
-        except InterruptedRunError:
-            raise KeyboardInterrupt from None
-        except HilError:
-            return None
-    if isinstance(result.stopped, InterruptedRunError):
-        raise KeyboardInterrupt
-    return None if result.stopped is not None else _judged(bench, result.recording)
+        made = recorded(session, line_motion(ideal, ideal.bus.sync_period_s), model, left_out)
+    return None if made is None else _judged(bench, made)
 
 
 def _judged(bench: Bench, recording: Recording) -> LineTip:
@@ -215,9 +204,7 @@ def _learnt(bench: Bench, folder: Path, model: Path, channel: InProcessChannel) 
 
 def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChannel) -> RunNote:
     experiment = Experiment(LINE_MOTION, None, "cancellation-learnt")
-    outcome = run_experiments(bench, [experiment], folder / "run", knowledge=Knowledge(learnt=learnt), channel=channel)
-    raise_failure(outcome.failure)
-    return note_of_run(outcome.result)
+    return note_of_run(run_of(bench, experiment, folder / "run", Knowledge(learnt=learnt), channel))
 
 
 def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:

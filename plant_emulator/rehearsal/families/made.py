@@ -12,14 +12,13 @@ from hil.bench.bench import AxisTable, Bench, load_bench
 from hil.control.treatments import TreatmentName
 from hil.errors import HilError
 from hil.experiments.plan import Experiment
-from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.master.drive.limits import holders
 from hil.master.drive.mapping import mode_of
 from hil.results.runs import ExperimentsResult
 from hil.robot_tables import Control
 from plant_emulator.drive.family.dictionary import vendor_scaling
-from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, channel_of, note_of_run, raise_failure
+from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, channel_of, note_of_run, run_of
 from plant_emulator.robots.blank_bench import file_text
 from plant_emulator.robots.robot import Robot, RobotAxis, load_robot, part_of, with_drives
 from plant_emulator.robots.tuning import tuned
@@ -96,10 +95,7 @@ class Family:
     def run(self, folder: Path, treatment: TreatmentName, knowledge: Knowledge) -> ExperimentsResult:
         """Execute one run; raise the error that ended it."""
         experiment = Experiment("constant-acceleration", AXIS, treatment)
-        channel = channel_of(self.robot)
-        outcome = run_experiments(self.bench, [experiment], folder / treatment, knowledge=knowledge, channel=channel)
-        raise_failure(outcome.failure)
-        return outcome.result
+        return run_of(self.bench, experiment, folder / treatment, knowledge, channel_of(self.robot))
 
 
 def family_alone(name: str) -> Family:

@@ -70,7 +70,6 @@ class RigRun:
         time_s: Shape (n,).
         speed_rps: Shape (n,).
         tip_mm: True displacement of the tip in the band of its vibration; shape (n,).
-        heard_m_s2: The sensor's acceleration in that band; shape (n,).
         factors: w of each order; shape (n,).
         recording: What the master would have recorded.
     """
@@ -78,7 +77,6 @@ class RigRun:
     time_s: Real
     speed_rps: Real
     tip_mm: Real
-    heard_m_s2: Real
     factors: dict[float, NDArray[np.complex128]]
     recording: Recording
 
@@ -221,9 +219,9 @@ class Rig:
             waiting = scaling.position_counts(float(wanted[min(i + 1, len(wanted) - 1)]) + added)
         band = (0.5 * self.f_al_hz, min(2.5 * self.f_al_hz, 0.45 / sync_s))
         tip = integrated_twice(band_passed(arm, sync_s, band) * self.lever_m * 1e3, sync_s, band[0])
-        speed, felt = np.asarray(np.gradient(seen, sync_s)) / math.tau, band_passed(heard, sync_s, band)
+        speed = np.asarray(np.gradient(seen, sync_s)) / math.tau
         named = {order: factors[:, m] for m, order in enumerate(orders)}
-        return RigRun(time, speed, tip, felt, named, self._recording(time - time[0], heard, np.stack([wanted, seen, torque])))
+        return RigRun(time, speed, tip, named, self._recording(time - time[0], heard, np.stack([wanted, seen, torque])))
 
     def _recording(self, time_s: Real, heard_m_s2: Real, moved: Real) -> Recording:
         """Return the recording that the master would have made.

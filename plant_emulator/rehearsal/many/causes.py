@@ -111,16 +111,18 @@ def _told(row: Row) -> Refusal | None:
     if causes[0] in {"", NOT_EXPLAINED} or end is None or goal is None:
         return None
     holds = is_true(end, goal, number(row, "without_cause_mm"))
-    seed = row.get("seed")
-    step, words = text(row, "end_treatment"), text(row, "end_words")
-    return Refusal(seed if isinstance(seed, int) else -1, step, words, tuple(causes), holds)
+    return Refusal(_seed(row), text(row, "end_treatment"), text(row, "end_words"), tuple(causes), holds)
 
 
 def _refusal(row: Row, step: str) -> Refusal:
-    words, seed = text(row, f"{step}_words"), row.get("seed")
     names = tuple(name for name in text(row, f"{step}_causes").split(", ") if name)
     holds = any(cause.is_true(row) for cause in CAUSES if cause.name in names)
-    return Refusal(seed if isinstance(seed, int) else -1, step, words, names, holds)
+    return Refusal(_seed(row), step, text(row, f"{step}_words"), names, holds)
+
+
+def _seed(row: Row) -> int:
+    seed = row.get("seed")
+    return seed if isinstance(seed, int) else -1
 
 
 def refusals(rows: Sequence[Row]) -> list[Refusal]:

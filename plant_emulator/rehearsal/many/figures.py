@@ -12,7 +12,6 @@ from hil.report import style
 from hil.report.style import Drawing
 from plant_emulator.rehearsal.many.claims import CPU_S, RMS_Z
 from plant_emulator.rehearsal.many.reading import (
-    ENDED,
     FACT_NAMES,
     KIND_NAMES,
     QUANTITY_NAMES,
@@ -25,7 +24,7 @@ from plant_emulator.rehearsal.many.reading import (
     worst_tip_mm,
 )
 from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
-from plant_emulator.rehearsal.record import QUIET_MM, STEPS, TREATMENTS
+from plant_emulator.rehearsal.record import ENDED, QUIET_MM, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import run_fraction
 

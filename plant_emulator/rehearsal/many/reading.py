@@ -4,14 +4,8 @@ from collections.abc import Sequence
 
 from hil.counting import counted
 from hil.robot_tables import ORDERS
+from plant_emulator.rehearsal.record import IS_DONE, TREATED
 from plant_emulator.trials.rows import Row, number, text
-
-ENDED = ("done", "noted", "refused", "stopped", "crashed", "skipped")
-"""Ends of a step, from the best; `noted` is done with less than was asked."""
-IS_DONE = frozenset({"done", "noted"})
-
-TREATED = ("notch_designed", "cancellation", "cancellation_learnt")
-"""Treatments that the path chooses by its measurements; it never chooses the copied notch."""
 
 
 def is_done(row: Row, step: str) -> bool:

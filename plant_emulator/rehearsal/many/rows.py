@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
+from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically, write_json
 from plant_emulator.trials.executors import CRASHED_WORDS
 from plant_emulator.trials.rows import Row, Value
@@ -16,6 +17,7 @@ WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 
 
 MAX_ROW_BYTES = 1_000_000
+EXPECTED = "a file of plant-emulator rehearse"
 SETTINGS_FILE = "rehearsal.json"
 
 
@@ -132,18 +134,13 @@ def _seed(row: Row) -> int:
 
 def _document(path: Path) -> dict[str, Value]:
     """Return a flat JSON document of plain values."""
+    data = read_file(path, EXPECTED, max_bytes=MAX_ROW_BYTES)
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_ROW_BYTES + 1)
-        if len(data) > MAX_ROW_BYTES:
-            raise _bad(path, "is longer than a row can be", f"at most {MAX_ROW_BYTES} bytes")
         document = json.loads(data)
-    except OSError as error:
-        raise _bad(path, f"cannot be read ({error.strerror})", "a file of plant-emulator rehearse") from None
     except ValueError as error:
-        raise _bad(path, f"is not JSON ({error})", "a file of plant-emulator rehearse") from None
+        raise _bad(path, f"is not JSON ({error})", EXPECTED) from None
     if not isinstance(document, dict) or not all(_is_plain(value) for value in document.values()):
-        raise _bad(path, "is not a flat JSON object", "a file of plant-emulator rehearse")
+        raise _bad(path, "is not a flat JSON object", EXPECTED)
     return document
 
 

@@ -8,7 +8,6 @@ from hil.report.report_table import number as number_text
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.reading import (
-    ENDED,
     KIND_NAMES,
     QUANTITY_NAMES,
     STEP_NAMES,
@@ -23,7 +22,7 @@ from plant_emulator.rehearsal.many.reading import (
 )
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
-from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
+from plant_emulator.rehearsal.record import ENDED, PROBES, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import SHOWN_PERCENT, percentiles
 

@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from drive_profiles.standard.cia301 import CobIdBit, DataType, SdoAbortCode, Value, decode, encode, is_restricted
-from hil.can.frame import CAN_SFF_MASK
+from drive_profiles.standard.cia301 import CobIdBit, DataType, SdoAbortCode, Value, decode, encode, identifier_refusal
 from plant_emulator.slave.dictionary import Cell, Dictionary
 
 Field = tuple[DataType | None, int]
@@ -207,17 +206,14 @@ class PdoSetup:
 
     def _set_cob_id(self, cob_id: int) -> SdoAbortCode | None:
         # Bit 30 is "do not care" in an RPDO; in a TPDO it may change at any time, since masters of both habits exist.
-        # 29-bit identifiers are not supported: bit 29, and bits 28 to 11 without it.
         is_valid = not cob_id & CobIdBit.INVALID
         can_id = cob_id & ~(CobIdBit.INVALID | CobIdBit.NO_RTR)
-        if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
-            return SdoAbortCode.INVALID_VALUE
-        if is_valid and self._is_valid and can_id != self.can_id:
-            return SdoAbortCode.INVALID_VALUE  # bits 0 to 29 do not change while the PDO exists
-        self.can_id, self._is_valid = can_id, is_valid
-        self.allows_requests = not cob_id & CobIdBit.NO_RTR
-        self._restart()
-        return None
+        code = identifier_refusal(can_id, is_valid=is_valid, in_use=self.can_id if self._is_valid else None)
+        if code is None:
+            self.can_id, self._is_valid = can_id, is_valid
+            self.allows_requests = not cob_id & CobIdBit.NO_RTR
+            self._restart()
+        return code
 
     def _set_transmission_type(self, transmission_type: int) -> SdoAbortCode | None:
         # 241 to 251 are reserved; 252 and 253 wait for remote requests, which only a TPDO answers.

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from drive_profiles.standard.cia301 import CobIdBit, DataType, FunctionCode, SdoAbortCode, is_restricted
+from drive_profiles.standard.cia301 import CobIdBit, DataType, FunctionCode, SdoAbortCode, identifier_refusal
 from hil.can.frame import CAN_SFF_MASK, Frame
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.sdo.server import SdoServer
@@ -86,11 +86,10 @@ class AdditionalChannel:
     def _take(self, subindex: int, cob_id: int) -> SdoAbortCode | None:
         can_id = cob_id & ~(CobIdBit.INVALID | CobIdBit.DYNAMIC)
         is_valid = _is_valid(cob_id)
-        if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
-            return SdoAbortCode.INVALID_VALUE
         old, other = self._cob_ids[subindex], self._cob_ids[REQUEST if subindex == RESPONSE else RESPONSE]
-        if is_valid and _is_valid(old) and can_id != old & CAN_SFF_MASK:
-            return SdoAbortCode.INVALID_VALUE  # bits 0 to 29 do not change while the channel exists
+        code = identifier_refusal(can_id, is_valid=is_valid, in_use=old & CAN_SFF_MASK if _is_valid(old) else None)
+        if code is not None:
+            return code
         if is_valid and _is_valid(other) and can_id == other & CAN_SFF_MASK:
             return SdoAbortCode.PARAMETER_INCOMPATIBLE  # the client would hear its own requests as answers
         self._cob_ids[subindex] = cob_id

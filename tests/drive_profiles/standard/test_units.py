@@ -22,18 +22,11 @@ scalings = st.builds(
 )
 int32 = st.integers(-(2**31), 2**31 - 1)
 int16 = st.integers(-(2**15), 2**15 - 1)
-uint32 = st.integers(0, 2**32 - 1)
 
 
 @given(scalings, int32)
-def test_position_and_speed_come_back_from_the_wire(scaling, counts):
+def test_position_comes_back_from_the_wire(scaling, counts):
     assert scaling.position_counts(scaling.position_rad(counts)) == counts
-    assert scaling.speed_counts_s(scaling.speed_rad_s(counts)) == counts
-
-
-@given(scalings, uint32)
-def test_acceleration_comes_back_from_the_wire(scaling, counts_s2):
-    assert scaling.acceleration_counts_s2(scaling.acceleration_rad_s2(counts_s2)) == counts_s2
 
 
 @given(scalings, int16)
@@ -59,19 +52,12 @@ def test_arrays_are_the_scalars_side_by_side(counts, per_mille):
     assert AXIS_2.torque_per_mille(torques).dtype == np.int64
 
 
-@given(scalings, st.floats(-1e6, 1e6))
-def test_the_gear_is_crossed_both_ways(scaling, angle):
-    assert scaling.motor_rad(scaling.shaft_rad(angle)) == pytest.approx(angle, rel=1e-12, abs=1e-300)
-
-
 def test_known_values():
     assert AXIS_2.position_counts(2 * math.pi) == 131072
     assert AXIS_2.torque_per_mille(7.1) == 1000
     assert AXIS_2.torque_per_mille(-3.55) == -500
-    assert AXIS_2.speed_counts_s(2 * math.pi * 9.0) == 9 * 131072
-    assert units.rated_torque_mnm(0.95) == 950
+    assert AXIS_2.speed_rad_s(9 * 131072) == pytest.approx(2 * math.pi * 9.0)
     assert Scaling(units.counts_per_rev("608Fh", 131072, 1), units.rated_torque_nm(7100)) == AXIS_2
-    assert Scaling(units.counts_per_rev("608Fh", 262144, 2), 7.1, 120, 1).shaft_rad(120.0) == 1.0
 
 
 def test_halves_go_to_even():
@@ -84,11 +70,8 @@ def test_halves_go_to_even():
 def test_what_is_no_number_is_refused_by_every_conversion(value):
     for convert in (
         AXIS_2.position_counts,
-        AXIS_2.speed_counts_s,
-        AXIS_2.acceleration_counts_s2,
         AXIS_2.torque_per_mille,
         units.real32,
-        units.rated_torque_mnm,
         units.interpolation_period,
     ):
         with pytest.raises(OutOfRangeError):
@@ -107,8 +90,6 @@ def test_overflow_is_refused_at_the_very_count_with_the_values():
         scaling.position_counts(np.array([1.0, 2e7]))
     assert isinstance(caught.value, DriveProfileError)
     assert caught.value.value == 2e7
-    with pytest.raises(OutOfRangeError, match="acceleration"):
-        scaling.acceleration_counts_s2(-1.0)
 
 
 @pytest.mark.parametrize("arguments", [(0, 1.0), (1, 0.0), (1, math.nan), (1, 1.0, 0, 1), (1, 1.0, 1, -1)])
@@ -121,11 +102,6 @@ def test_a_scaling_without_inverse_cannot_be_built(arguments):
 def test_objects_that_state_no_scaling_are_refused(increments, revs):
     with pytest.raises(OutOfRangeError):
         Scaling(units.counts_per_rev("608Fh", increments, revs), 1.0)
-
-
-@given(st.integers(1, 10**9))
-def test_rated_torque_pair(mnm):
-    assert units.rated_torque_mnm(units.rated_torque_nm(mnm)) == mnm
 
 
 @pytest.mark.parametrize(
@@ -149,7 +125,6 @@ def test_interpolation_period_known_values(period_s, value, index):
 def test_every_interpolation_period_comes_back(value, index):
     period_s = units.interpolation_period_s(value, index)
     assert units.interpolation_period_s(*units.interpolation_period(period_s)) == period_s
-    assert units.interpolation_period(period_s, index) == (value, index)
 
 
 @pytest.mark.parametrize("period_s", [1 / 3000, 256e-6 + 1e-9, 1.0e-10, 0.0, -1e-3, 0.2561])
@@ -158,12 +133,7 @@ def test_a_period_that_60c2_cannot_say_is_refused(period_s):
         units.interpolation_period(period_s)
 
 
-def test_a_fixed_exponent_is_kept_or_refused():
-    assert units.interpolation_period(2e-3, -3) == (2, -3)
-    assert units.interpolation_period(2e-3, -4) == (20, -4)
-    for index in (-2, -6):
-        with pytest.raises(OutOfRangeError):
-            units.interpolation_period(2e-3, index)
+def test_a_pair_that_60c2_cannot_hold_is_refused():
     for pair in ((0, -3), (256, -3), (1, -129), (1, 64)):
         with pytest.raises(OutOfRangeError):
             units.interpolation_period_s(*pair)

@@ -21,7 +21,7 @@ CLIENT = FIRST_CLIENT
 MS = 1_000_000
 SYNC = Frame(0x80, b"")
 OFF_NS, BACK_NS = 21 * MS, 61 * MS
-OFF = Fault("bus_off", port=NODE, from_s=0.021, to_s=0.061)
+OFF = Fault(kind="bus_off", port=NODE, from_s=0.021, to_s=0.061)
 RECOVERED = [Frame(0x80 + NODE, b"\x40\x81\x11" + bytes(5)), Frame(0x80 + NODE, bytes(8))]
 READ_TYPE = Frame(0x600 + NODE, b"\x40\x00\x10\x00\x00\x00\x00\x00")
 
@@ -92,7 +92,7 @@ def test_the_node_is_told_at_the_instant_however_far_time_is_let_pass():
 
 
 def test_bus_off_by_errors_on_the_wire_is_bus_off_to_the_node():
-    made = bus(Fault("corrupt", can_id=0x703, attempts=40))
+    made = bus(Fault(kind="corrupt", can_id=0x703, attempts=40))
     made.run(20 * MS)
     assert made.wire.controller(NODE).state is ErrorState.OFF
     assert made.world.drives[NODE].slave.nmt_state is NmtState.PRE_OPERATIONAL
@@ -100,14 +100,14 @@ def test_bus_off_by_errors_on_the_wire_is_bus_off_to_the_node():
 
 
 def test_a_drive_that_restarts_its_controller_comes_back_by_itself():
-    made = bus(Fault("bus_off", port=NODE, from_s=0.021), robot=robot_with(bus_off_restart_ms=30.0))
+    made = bus(Fault(kind="bus_off", port=NODE, from_s=0.021), robot=robot_with(bus_off_restart_ms=30.0))
     assert of_the_drive(made.run(OFF_NS + 30 * MS))[-1][1] < OFF_NS
     frames = [f for f, _ in of_the_drive(made.run(OFF_NS + 40 * MS))]
     assert frames[:2] == RECOVERED
 
 
 def test_the_supply_taken_away_and_given_back_ends_bus_off_without_a_word_about_it():
-    made = bus(Fault("bus_off", port=NODE, from_s=0.021))
+    made = bus(Fault(kind="bus_off", port=NODE, from_s=0.021))
     made.run(OFF_NS + 5 * MS)
     assert made.world.power_cycle(NODE) == [Frame(0x703, b"\0")]
     assert of_the_drive(made.run(OFF_NS + 50 * MS)) == []
@@ -116,7 +116,7 @@ def test_the_supply_taken_away_and_given_back_ends_bus_off_without_a_word_about_
 
 
 def test_a_client_that_is_bus_off_is_no_nodes_concern():
-    made = bus(Fault("bus_off", port=CLIENT, from_s=0.021, to_s=0.061))
+    made = bus(Fault(kind="bus_off", port=CLIENT, from_s=0.021, to_s=0.061))
     heard = of_the_drive(made.run(BACK_NS))
     assert [f.can_id for f, _ in heard] == [0x703] * 12
     assert made.world.drives[NODE].slave.nmt_state is NmtState.OPERATIONAL

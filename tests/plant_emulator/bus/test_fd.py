@@ -66,7 +66,7 @@ def test_arbitration_on_a_fd_bus_is_as_ever():
 def test_errors_on_a_fd_bus_cost_slow_flags_behind_what_was_sent():
     clean, spoilt = (
         EmulatedWire(MEGABIT, 5_000_000),
-        EmulatedWire(MEGABIT, 5_000_000, faults=BusFaults([Fault("corrupt", count=1)])),
+        EmulatedWire(MEGABIT, 5_000_000, faults=BusFaults([Fault(kind="corrupt", count=1)])),
     )
     starts = []
     for wire in (clean, spoilt):

@@ -93,7 +93,7 @@ def test_127_nodes_sample_at_one_sync_and_their_tpdos_leave_in_order(world):
 def test_a_lost_node_is_the_one_of_127_that_went_bus_off(world):
     now_s = 1e-9 * world.now
     made = TimedBus(
-        world, EmulatedWire(1_000_000, faults=BusFaults([Fault("bus_off", port=77, from_s=now_s + 1e-6)]), now_ns=world.now)
+        world, EmulatedWire(1_000_000, faults=BusFaults([Fault(kind="bus_off", port=77, from_s=now_s + 1e-6)]), now_ns=world.now)
     )
     made.wire.attach(CLIENT)
     made.run(world.now + 2_000)

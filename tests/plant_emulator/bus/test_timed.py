@@ -91,7 +91,7 @@ def test_a_cycle_that_does_not_fit_lags_behind_its_beats_and_one_that_does_loses
         assert answers == 4 * 200
         assert made.wire.statistics.refused == 0
     else:
-        assert made.wire.oldest_wait_ns >= 10_000_000
+        assert made.wire.statistics.longest_wait_ns >= 10_000_000
         assert made.wire.statistics.longest_queue > 50
         assert answers < 4 * 200
     assert made.wire.statistics.lost == 0
@@ -107,23 +107,20 @@ def test_nothing_is_kept_of_syncs_that_the_bus_refused():
     assert {name: len(value) for name, value in vars(made).items() if hasattr(value, "__len__")} == kept
 
 
-def test_overload_is_reported_within_the_first_second_at_105_percent_and_nothing_is_lost_at_95():
-    for load, overloaded in ((0.95, False), (1.05, True)):
-        made = bus(cyclic=())
-        frame = Frame(0x300, bytes(8))
-        gap = round(1000 * frame_bits(frame) / load)
-        begin, offered, heard = made.world.now, 0, 0
-        while made.world.now < begin + 1_000_000_000 and not made.wire.is_overloaded:
-            made.offer(CLIENT, frame)
-            offered += 1
-            heard += sum(h.frame.can_id == 0x300 for h in made.run(made.world.now + gap))
-        assert made.wire.is_overloaded is overloaded
-        if not overloaded:
-            assert offered - heard <= 1
+def test_nothing_is_lost_at_95_percent_of_load():
+    made = bus(cyclic=())
+    frame = Frame(0x300, bytes(8))
+    gap = round(1000 * frame_bits(frame) / 0.95)
+    begin, offered, heard = made.world.now, 0, 0
+    while made.world.now < begin + 1_000_000_000:
+        made.offer(CLIENT, frame)
+        offered += 1
+        heard += sum(h.frame.can_id == 0x300 for h in made.run(made.world.now + gap))
+    assert offered - heard <= 1
 
 
 def test_a_frame_that_is_destroyed_is_sent_again_and_arrives_later():
-    faults = BusFaults([Fault("corrupt", can_id=0x602, attempts=1)])
+    faults = BusFaults([Fault(kind="corrupt", can_id=0x602, attempts=1)])
     clean, disturbed = bus(), bus(faults=faults)
     ends = []
     for made in (clean, disturbed):
@@ -151,7 +148,7 @@ def test_the_simplest_medium_that_does_what_is_asked_for():
 @pytest.mark.ci
 def test_equal_worlds_behind_equal_wires_hear_equal_frames_at_equal_instants():
     def history():
-        faults = [Fault("drop", probability=0.1), Fault("delay", delay_ns=50_000, probability=0.2)]
+        faults = [Fault(kind="drop", probability=0.1), Fault(kind="delay", delay_ns=50_000, probability=0.2)]
         made = bus(500_000, faults=BusFaults(faults, seed=3), period_s=0.001)
         return [h for _ in range(100) for h in made.cycle(CLIENT, SYNC)[0]]
 
@@ -173,7 +170,7 @@ def test_a_heartbeat_of_the_client_leaves_with_its_next_sync_and_does_not_move_t
 
 def test_a_fault_that_is_to_come_keeps_nobody_waiting():
     ends = []
-    for faults in (None, BusFaults([Fault("mute", port=5, from_s=5.0)])):
+    for faults in (None, BusFaults([Fault(kind="mute", port=5, from_s=5.0)])):
         made = bus(faults=faults)
         made.offer(CLIENT, SDO_READ_TYPE)
         made.drain()
@@ -183,7 +180,9 @@ def test_a_fault_that_is_to_come_keeps_nobody_waiting():
 
 def test_what_was_delayed_before_does_not_stretch_the_beats_and_what_is_asked_is_waited_for():
     made = bus(
-        faults=BusFaults([Fault("delay", can_id=0x182, delay_ns=40_000_000), Fault("delay", can_id=0x583, delay_ns=3_000_000)])
+        faults=BusFaults(
+            [Fault(kind="delay", can_id=0x182, delay_ns=40_000_000), Fault(kind="delay", can_id=0x583, delay_ns=3_000_000)]
+        )
     )
     made.cycle(CLIENT, SYNC)
     beat = made.world.now

@@ -15,9 +15,9 @@ from tests.bench.fault_rig import T_S, bench
 
 RATE = 1_000_000
 FAULTS = (
-    Fault("corrupt", probability=0.01),
-    Fault("corrupt", can_id=0x190, probability=0.05, crc=False),
-    Fault("delay", can_id=0x190, probability=0.02, delay_ns=300_000),
+    Fault(kind="corrupt", probability=0.01),
+    Fault(kind="corrupt", can_id=0x190, probability=0.05, crc=False),
+    Fault(kind="delay", can_id=0x190, probability=0.02, delay_ns=300_000),
 )
 
 

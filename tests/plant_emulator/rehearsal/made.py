@@ -50,7 +50,7 @@ def row(
     record.tips = CURED | (tips or {})
     record.floor = dict(FLOOR)
     record.quantities = {name: QuantityRecord(*values) for name, values in (quantities or {}).items()}
-    record.probes = {name: ProbeRecord(accepted, "", 2.0 if accepted else None) for name, accepted in (probes or {}).items()}
+    record.probes = {name: ProbeRecord(accepted, 2.0 if accepted else None) for name, accepted in (probes or {}).items()}
     record.cpu_s = cpu_s
     cells = {"seed": seed, "kind": kind, "walk": WALKED, "walk_words": ""} | record.row() | {"version": "0.1.0"}
     return {name: plain(value) for name, value in cells.items()}

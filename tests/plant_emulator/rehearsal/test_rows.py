@@ -71,7 +71,7 @@ def test_a_folder_whose_settings_are_lost_is_not_mixed(kept):
         ('{"seed": 3, "tip": {"k": 1}}', "is not a flat JSON object"),
         ('{"seed": 3, "tip": NaN}', "is not a flat JSON object"),
         ('{"seed": 4}', "is the row of seed 4"),
-        ('{"seed": 3, "words": "' + "x" * MAX_ROW_BYTES + '"}', "is longer than a row can be"),
+        ('{"seed": 3, "words": "' + "x" * MAX_ROW_BYTES + '"}', "is larger than 1000000 bytes"),
     ],
 )
 def test_a_row_that_somebody_spoilt_is_said_with_its_file(kept, text, words):

@@ -30,7 +30,7 @@ class Bench:
         self.boot = self.node.power_on(0)
 
     def send(self, can_id, data=b""):
-        return self.node.receive(Frame(can_id, bytes(data)), self.now)
+        return self.node.slave.receive(Frame(can_id, bytes(data)), self.now)
 
     def sync(self):
         self.node.sample()

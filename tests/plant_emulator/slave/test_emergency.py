@@ -8,10 +8,10 @@ MS = 1_000_000
 CURRENT, PROFILE, TEMPERATURE = ErrorRegister.CURRENT, ErrorRegister.PROFILE, ErrorRegister.TEMPERATURE
 
 
-def test_a_cause_sends_its_code_the_register_and_the_vendors_bytes(bench):
-    bench.slave.emergencies.raise_cause("short", 0x2310, CURRENT, b"\x0a\x0b\x0c\x0d\x0e")
+def test_a_cause_sends_its_code_and_the_register(bench):
+    bench.slave.emergencies.raise_cause("short", 0x2310, CURRENT)
     assert bench.slave.due == bench.now
-    assert bench.slave.take_frames() == [(0x085, bytes.fromhex("1023 03 0a0b0c0d0e"))]
+    assert bench.slave.take_frames() == [(0x085, bytes.fromhex("1023 03 0000000000"))]
     assert bench.slave.due is None
 
 
@@ -68,17 +68,17 @@ def test_the_history_is_newest_first_and_bounded(bench):
     assert bench.read(0x1003, 0) == b"\x00"
     assert bench.read(0x1003, 1) is SdoAbortCode.NO_DATA
     for number in range(10):
-        bench.slave.emergencies.raise_cause(f"cause {number}", 0xFF00 + number, vendor=b"\x34\x12")
+        bench.slave.emergencies.raise_cause(f"cause {number}", 0xFF00 + number)
     assert bench.read(0x1003, 0) == b"\x08"
     codes = [int.from_bytes(bench.read(0x1003, subindex), "little") for subindex in range(1, 9)]
-    assert codes == [0x1234FF00 + number for number in range(9, 1, -1)]
+    assert codes == [0xFF00 + number for number in range(9, 1, -1)]
     assert bench.read(0x1003, 9) is SdoAbortCode.NO_SUBINDEX
 
 
 def test_the_last_error_code_is_that_of_the_newest_entry_until_the_history_is_cleared(bench):
     assert bench.slave.emergencies.last_code == 0
     bench.slave.emergencies.raise_cause("short", 0x2310, CURRENT)
-    bench.slave.emergencies.raise_cause("follow", 0x8611, PROFILE, b"\x0a\x0b")
+    bench.slave.emergencies.raise_cause("follow", 0x8611, PROFILE)
     bench.slave.emergencies.clear_cause("follow")
     assert bench.slave.emergencies.last_code == 0x8611  # the fault has gone, what it was has not
     bench.write_value(0x1003, 0, 0)
@@ -127,10 +127,10 @@ def test_a_communication_reset_forgets_the_errors_of_communication_only(bench):
     assert bench.slave.emergencies.causes == ()
 
 
-@pytest.mark.parametrize(("code", "vendor"), [(0, b""), (0xFF, b""), (0x10000, b""), (0x1000, bytes(6))])
-def test_an_impossible_emergency_is_the_owners_mistake(bench, code, vendor):
+@pytest.mark.parametrize("code", [0, 0xFF, 0x10000])
+def test_an_impossible_emergency_is_the_owners_mistake(bench, code):
     with pytest.raises(ValueError, match="emergency"):
-        bench.slave.emergencies.raise_cause("x", code, vendor=vendor)
+        bench.slave.emergencies.raise_cause("x", code)
 
 
 @pytest.mark.parametrize(
@@ -267,9 +267,9 @@ def test_the_inhibit_time_is_stored_and_in_force_after_a_reset(bench):
 
 def test_a_stranger_hears_the_error_and_its_end(stranger, bench):
     network = stranger.network
-    bench.slave.emergencies.raise_cause("short", 0x2310, CURRENT, b"\x01")
+    bench.slave.emergencies.raise_cause("short", 0x2310, CURRENT)
     network.deliver(bench.slave.take_frames())
-    assert [(e.code, e.register, e.data) for e in stranger.emcy.active] == [(0x2310, 3, b"\x01\0\0\0\0")]
+    assert [(e.code, e.register, e.data) for e in stranger.emcy.active] == [(0x2310, 3, bytes(5))]
     bench.slave.emergencies.clear_cause("short")
     network.deliver(bench.slave.take_frames())
     assert stranger.emcy.active == []
