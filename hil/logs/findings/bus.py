@@ -29,11 +29,10 @@ TOLERANT = 1.02
 
 
 def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
-    """Damage, load, error frames and masters of a bus."""
+    """Damage, load and error frames of a bus."""
     yield from _damage(trace)
     yield from _load(trace, bitrate)
     yield from _error_frames(trace)
-    yield from _set_point_senders(trace)
 
 
 def _damage(trace: Trace) -> Iterator[Said]:
@@ -139,8 +138,8 @@ def _error_frames(trace: Trace) -> Iterator[Said]:
     )  # fmt: skip
 
 
-def _set_point_senders(trace: Trace) -> Iterator[Said]:
-    """Find two senders of one RPDO.
+def sender_findings(trace: Trace) -> Iterator[Said]:
+    """Find two senders of one RPDO, or more than one master.
 
     Every second value then continues the other sender's.
     """
