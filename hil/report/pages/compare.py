@@ -177,12 +177,11 @@ class ComparedMotion:
             return []
         runs = [(run.label, run.recording) for _, run in self.runs]
         title = f"{f'{self.robot.name}, axis' if self.several else 'Axis'} {self.axis}: which order shakes the tip"
-        parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
         resonance = MarkedResonance(self.material.f_al(self.axis))
-        made = [
-            order_maps(f"orders-{self.key}{plotted.key_end(number)}", title, part, self.axis, resonance)
-            for number, part in enumerate(parts)
-        ]
+        made = []
+        for number, start in enumerate(range(0, len(runs), MAPPED)):
+            key, name = f"orders-{self.key}{plotted.key_end(number)}", title + plotted.title_end(number)
+            made.append(order_maps(key, name, runs[start : start + MAPPED], self.axis, resonance))
         return [drawing for drawing in made if drawing is not None]
 
     def directions(self) -> Drawing | None:

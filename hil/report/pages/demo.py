@@ -14,7 +14,7 @@ from hil.report.figures import arm_along_line, arm_swinging, directions, model, 
 from hil.report.figures.notch import NotchFigures
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.plotted_run import key_end, shown_runs
+from hil.report.plotted_run import key_end, shown_runs, title_end
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
 from hil.report.style import Drawing
@@ -134,7 +134,7 @@ def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
     """Yield order maps of an axis without and with treatments."""
     for number, group in enumerate(shown_runs(material, CONSTANT_ACCELERATION, axis)):
         runs = [(run.label, run.recording) for run in group]
-        key, title = f"orders-{axis}{key_end(number)}", f"Axis {axis}: which order shakes the tip"
+        key, title = f"orders-{axis}{key_end(number)}", f"Axis {axis}: which order shakes the tip{title_end(number)}"
         yield order_map.order_maps(key, title, runs, axis, order_map.MarkedResonance(material.f_al(axis)))
 
 
