@@ -7,7 +7,6 @@ which leave by their identifiers. All bits are counted with the intermission of 
 import math
 import random
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -77,10 +76,6 @@ class CyclicFrame:
             for form, low, high in self.contents
         )
         return b"".join(parts)
-
-    def actual_bits(self, data: bytes) -> int:
-        """Bits with the stuff bits that these contents need."""
-        return frame_bits(Frame(self.can_id, data))
 
 
 @dataclass(frozen=True)
@@ -171,10 +166,6 @@ class Cycle:
     def worst_bits(self) -> int:
         """Bits of the cycle with as many stuff bits as possible."""
         return sum(frame.worst_bits for frame in self.frames)
-
-    def actual_bits(self, contents: Mapping[int, bytes]) -> int:
-        """Bits of the cycle with given contents by identifier; SYNC needs none."""
-        return sum(frame.actual_bits(contents.get(frame.can_id, b"")) for frame in self.frames)
 
     @property
     def period_ns(self) -> int:
