@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hil.bench.model import values_in_words
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import amplitude_key
 from hil.counting import counted
 from hil.recording import load_columns
 from hil.report import style
@@ -240,15 +240,12 @@ def orders(material: RecordedMaterial) -> ReportTable | None:
     if part is None:
         return None
     rows: list[list[Cell]] = []
-    amplitudes, phases = part.values.amplitudes_arcsec(), part.values.phases_deg()
     changes = {each.order: each for each in material.result.changes}
-    for order in amplitudes:
-        for letter, values, name, unit in (("A", amplitudes, amplitude_key, "arcsec"), ("φ", phases, phase_key, "°")):
-            error = part.standard_error.get(name(order), 0.0)
-            value, width = value_and_error(values[order], error)
-            seen = changes.get(order)
-            words = "" if seen is None or letter == "A" else "changes" if seen.is_seen else "noise explains it"
-            rows.append([symbol(letter, order), unit, value, width, words])
+    for each in part.numbers():
+        seen = changes.get(each.order)
+        words = "" if seen is None or each.letter == "A" else "changes" if seen.is_seen else "noise explains it"
+        shown = value_and_error(each.value, each.error or 0.0)
+        rows.append([symbol(each.letter, each.order), each.unit, *shown, words])
     header = ("Parameter", "Unit", "Identified", "Standard error", "From part to part")
     caption = (
         "The standard error is that of the mean of all stretches; it includes the choice of the slow part and the "
@@ -272,7 +269,7 @@ def stretches(material: RecordedMaterial) -> ReportTable:
             cells += [" ± ".join(value_and_error(value.a_arcsec, value.a_error_arcsec))]
             cells += [" ± ".join(value_and_error(value.phi_deg, value.phi_error_deg))]
         rows.append(cells)
-    names = [f"{letter}_{order:g} ({unit})" for order in shown for _, letter, unit in BY_ORDER]
+    names = [f"{letter}_{order:g} ({unit})" for order in shown for letter, unit in BY_ORDER]
     header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree", *names)
     caption = "A stretch is a motion one way without a stop. Degree: that of the slow part."
     return ReportTable("stretches", "Stretches", header, rows, {0, 1}, caption)
