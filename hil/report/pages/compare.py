@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from drive_profiles.errors import FileError
 from hil.analysis import band_passed, motor_speed_rps
 from hil.bench.bench import load_bench
+from hil.experiments.motions import LINE_MOTION, POINT_TO_POINT
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
 from hil.report import plotted_run as plotted
@@ -21,13 +22,13 @@ from hil.report.figures.arm_along_line import arm_along_line
 from hil.report.figures.arm_swinging import arm_swinging
 from hil.report.figures.directions import direction_table, directions_of
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.material import LINE_MOTION, POINT_TO_POINT, Material
+from hil.report.material import Material, case_name
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Mark
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
-from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
+from hil.report.tables.compare import cases, change, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 
 OVERLAID = 4

@@ -8,11 +8,12 @@ from markupsafe import Markup
 
 from hil.analysis import is_noise
 from hil.control.treatments import treatment
+from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT
 from hil.experiments.plan import outside
 from hil.experiments.treatment import TITLES
 from hil.report.figures import arm_along_line, arm_swinging, directions, model, order_map, shapers, suppression
 from hil.report.figures.notch import NotchFigures
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
+from hil.report.material import Material, finite, run_name, treatment_name
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.plotted_run import key_end, shown_runs, title_end
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
