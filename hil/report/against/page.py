@@ -184,7 +184,7 @@ def verdict(numbers: Sequence[NumberPair], settings: Sequence[Setting]) -> PageV
     count = "No setting differs" if not settings else f"Settings that differ: {len(settings)}"
     told = f"{len(certain)} of {len(with_error)} numbers that have a standard error differ by more than chance"
     headline = f"{count}; {told if with_error else 'no number has a standard error in both'}"
-    return PageVerdict("open", "▲", headline, tuple(details))
+    return PageVerdict("open", headline, tuple(details))
 
 
 SPECTRUM_TO_HZ = 50.0

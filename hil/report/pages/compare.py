@@ -274,7 +274,7 @@ def verdict(result: TreatmentTable) -> PageVerdict:
     details += [_sentence(name, rows, len(everywhere)) for name, rows in by_treatment.items()]
     details += [*tables_compare.notch_sentences(result), *_refused(result)]
     if failure or any(robot.ended is not None for robot in result.robots):
-        return PageVerdict("bad", "■", "The comparison is not complete", tuple(details))
+        return PageVerdict("stopped", "The comparison is not complete", tuple(details))
     keeping = {
         name: max(row.tip_peak_mm for _, row in rows if row.tip_peak_mm is not None)
         for name, rows in by_treatment.items()
@@ -285,10 +285,10 @@ def verdict(result: TreatmentTable) -> PageVerdict:
     where = "the experiment" if len(everywhere) == 1 else f"all {len(everywhere)} experiments"
     if keeping:
         best = min(keeping, key=lambda name: keeping[name])
-        return PageVerdict("good", "✔", f"{_title(best)} keeps the tip within {limit} in {where}", tuple(details))
+        return PageVerdict("good", f"{_title(best)} keeps the tip within {limit} in {where}", tuple(details))
     if not any(name != "none" for name in by_treatment):
-        return PageVerdict("bad", "✘", "Nothing could be compared", tuple(details))
-    return PageVerdict("open", "▲", f"No single treatment keeps the tip within {limit} in {where}", tuple(details))
+        return PageVerdict("bad", "Nothing could be compared", tuple(details))
+    return PageVerdict("open", f"No single treatment keeps the tip within {limit} in {where}", tuple(details))
 
 
 def _title(name: str) -> str:

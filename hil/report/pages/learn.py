@@ -108,10 +108,10 @@ def verdict(result: LearningResult) -> PageVerdict:
     learnt += [f"Axis {each.axis}: {words}." for each in result.learnt for words in each.kept]
     learnt += [f"Left out: {words}." for each in result.learnt for words in each.left_out]
     if result.stopped is not None:
-        return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
+        return PageVerdict("stopped", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:
-        return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
-    return PageVerdict("good", "✔", f"The cancellation of {names} is learnt", tuple(learnt))
+        return PageVerdict("bad", "Not everything was learnt", (result.not_learnt, *learnt))
+    return PageVerdict("good", f"The cancellation of {names} is learnt", tuple(learnt))
 
 
 def cards(result: LearningResult) -> list[Card]:

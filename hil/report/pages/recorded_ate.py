@@ -77,11 +77,11 @@ def verdict(material: RecordedMaterial) -> PageVerdict:
     """Verdict at the top of the page."""
     result = material.result
     if result.ate is None or not result.is_identified:
-        return PageVerdict("bad", "✘", "No order exceeds its noise", (result.not_identified or "", *result.notes))
+        return PageVerdict("bad", "No order exceeds its noise", (result.not_identified or "", *result.notes))
     numbers = ", ".join(values_in_words(result.ate))
     if any(each.is_seen for each in result.changes):
-        return PageVerdict("open", "▲", "The transmission error is identified, and it changes", (numbers, *result.notes))
-    return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *result.notes))
+        return PageVerdict("open", "The transmission error is identified, and it changes", (numbers, *result.notes))
+    return PageVerdict("good", "The transmission error is identified", (numbers, *result.notes))
 
 
 def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
