@@ -24,10 +24,11 @@ from matplotlib.axes import Axes
 import hil
 import plant_emulator
 from hil.bench.bench import Bench, load_bench
+from hil.control.treatments import LoopName
 from hil.errors import UnsafeRequestError
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
 from hil.experiments.plan import Experiment, entries
-from hil.master.motion import FilterUse, LoopName
+from hil.master.motion import FilterUse
 from hil.master.session import Session
 from hil.plan.advice import FD_DATA_BITRATE, packed, packed_alone, per_axis
 from hil.plan.bus_plan import Cycle

@@ -32,7 +32,7 @@ from hil.master.cyclic import FEEDBACK, POSITION_COMMAND, CyclicExchange
 from hil.master.drive.axis import DriveAxis
 from hil.master.motion import Motion
 from hil.master.network import Network
-from hil.master.run import Run, RunLimits
+from hil.master.run import Run
 from hil.master.sensor import JointsOnly
 from hil.master.supervision import Supervisor
 from hil.recording import BusLog
@@ -123,7 +123,7 @@ def ours(channel: Channel, count: int) -> Contender:
     supervisor.begin(axis.number for axis in axes)
     rest = Motion(tuple(axis.number for axis in axes), PERIOD_S * np.arange(2), np.zeros((2, count)), starts_at_home=True)
     bank, references = ServoBank([law.config for law in laws(count)], PERIOD_S), np.zeros((1, count))
-    run = Run(rest, axes, exchange, RunLimits.of(bench), supervisor, [0.0] * count, bank=bank)
+    run = Run(rest, axes, exchange, bench, supervisor, [0.0] * count, bank=bank)
 
     def cycle() -> None:
         run.follow(references, 0)

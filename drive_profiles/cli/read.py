@@ -217,12 +217,12 @@ def backup(
     Example: drive-profiles backup --bus socketcan:can0 --out as-found
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.files.safefile import write_json
+    from drive_profiles.files.safefile import file_instead, write_json
 
     wanted = class_names(classes)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        what = "already exists and is not empty" if out.is_dir() else "is a file; expected a folder"
-        raise fail(f"{out} {what}; nothing was written", ExitStatus.FILE)
+    problem = file_instead(out) or (f"{out} already exists and is not empty" if out.exists() and any(out.iterdir()) else "")
+    if problem:
+        raise fail(f"{problem}; nothing was written", ExitStatus.FILE)
     with exit_on_error(), SdoBus(bus, timeout_s) as opened:
         there = opened.answering(node or range(1, 128))
         if silent := sorted(set(node or ()) - set(there)):

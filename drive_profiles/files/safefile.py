@@ -64,6 +64,12 @@ def naming(path: Path) -> Iterator[None]:
         raise
 
 
+def file_instead(folder: Path) -> str:
+    """Say which file stands where a folder is to be; empty if none does."""
+    found = next((each for each in (folder, *folder.parents) if each.exists()), folder)
+    return f"{found} is a file; expected a folder" if found.exists() and not found.is_dir() else ""
+
+
 def make_writable(folder: Path, name: str) -> None:
     """Make a folder, and check that a file can be written to it later.
 
@@ -98,8 +104,7 @@ def check_writable(path: Path) -> None:
 
 def _unwritable(path: Path, error: OSError | ValueError) -> FileError:
     if isinstance(error, FileExistsError | NotADirectoryError):  # from making its folder
-        file = next((each for each in (path, *path.parents) if each.exists() and not each.is_dir()), path)
-        return FileError(path, (Problem(0, "", f"cannot be written: {file} is a file", "a folder"),))
+        return FileError(path, (Problem(0, "", f"cannot be written: {file_instead(path)}", ""),))
     reason = error.strerror if isinstance(error, OSError) else str(error)
     return FileError(path, (Problem(0, "", f"cannot be written ({reason})", "a place that can be written"),))
 

@@ -2,9 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +153,24 @@ LearntBy = Literal["identify", "sensorless", "recording", "adaptive", "probing"]
 of others; passes of ramps with a cancellation; a motion itself."""
 
 
+class OrderNumber(NamedTuple):
+    """Amplitude or phase of an identified order.
+
+    Attributes:
+        name: Name in the model file: `a2_arcsec`.
+        letter: `A` or `φ`.
+        unit: `arcsec` or `°`.
+        error: Standard error; None if it is not known.
+    """
+
+    name: str
+    order: float
+    letter: str
+    unit: str
+    value: float
+    error: float | None
+
+
 class IdentifiedError(Uncertain):
     """The transmission error of one axis, eq. (2).
 
@@ -185,18 +203,26 @@ class IdentifiedError(Uncertain):
     note: str = ""
     emulated: bool | None = None
 
+    def numbers(self) -> Iterator[OrderNumber]:
+        """Yield amplitude and phase of each order in turn."""
+        phases, errors = self.values.phases_deg(), self.standard_error
+        for order, amplitude in self.values.amplitudes_arcsec().items():
+            for key, letter, unit, value in (
+                (amplitude_key(order), "A", "arcsec", amplitude),
+                (phase_key(order), "φ", "°", phases[order]),
+            ):
+                yield OrderNumber(key, order, letter, unit, value, errors.get(key))
+
 
 def values_in_words(part: IdentifiedError) -> list[str]:
     """Write amplitude and phase of each order with standard errors.
 
     `A_2 = 5.00 ± 0.02 arcsec`, `φ_2 = 222.0 ± 0.1°`.
     """
-    values, errors = part.values, part.standard_error
-    words = []
-    for order, amplitude in values.amplitudes_arcsec().items():
-        words.append(f"A_{order:g} = {amplitude:.2f} ± {errors.get(amplitude_key(order), 0.0):.2f} arcsec")
-        words.append(f"φ_{order:g} = {values.phases_deg()[order]:.2f} ± {errors.get(phase_key(order), 0.0):.2f}°")
-    return words
+    return [
+        f"{each.letter}_{each.order:g} = {each.value:.2f} ± {each.error or 0.0:.2f}{' arcsec' if each.letter == 'A' else '°'}"
+        for each in part.numbers()
+    ]
 
 
 SIGNIFICANT_SIGMAS = 3.0

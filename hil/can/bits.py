@@ -9,16 +9,17 @@ Layout of classic frames (ISO 11898-1:2015, 10.4), most significant bit first:
 From SOF to the last bit of the CRC the sender inserts after five equal bits one of the other value, which itself counts for the
 next five. SRR and IDE of a long frame are recessive (1), r0 and r1 dominant (0). A remote frame carries the DLC and no data.
 
-Layout of CAN FD frames (the same clauses; sizes as in include/linux/can/length.h of Linux):
+Layout of CAN FD frames of at most 8 bytes with bit rate switching (the same clauses; sizes as in include/linux/can/length.h of
+Linux):
 
-- 11-bit identifier: SOF 1, identifier 11, RRS 1, IDE 1, FDF 1, res 1, BRS 1 | ESI 1, DLC 4, data 0 to 512
-- 29-bit identifier: SOF 1, base 11, SRR 1, IDE 1, extension 18, RRS 1, FDF 1, res 1, BRS 1 | ESI 1, DLC 4, data 0 to 512
-- CRC field: stuff count 4, CRC 17 (up to 16 bytes) or 21, and a fixed stuff bit before the first and after every fourth of these
-  bits, so 6 or 7; CRC delimiter 1 |
+- 11-bit identifier: SOF 1, identifier 11, RRS 1, IDE 1, FDF 1, res 1, BRS 1 | ESI 1, DLC 4, data 0 to 64
+- 29-bit identifier: SOF 1, base 11, SRR 1, IDE 1, extension 18, RRS 1, FDF 1, res 1, BRS 1 | ESI 1, DLC 4, data 0 to 64
+- CRC field: stuff count 4, CRC 17, and a fixed stuff bit before the first and after every fourth of these bits, so 6;
+  CRC delimiter 1 |
 - ACK slot 1, ACK delimiter 1, EOF 7, intermission 3
 
-Between the bars the data bit rate holds if BRS is recessive. It changes at the sample points of BRS and CRC delimiter, so that
-with one sample point for both rates each of the two bits may be counted whole, BRS as a slow and the delimiter as a fast one.
+Between the bars the data bit rate holds, as BRS is recessive. It changes at the sample points of BRS and CRC delimiter. With one
+sample point for both rates each of the two bits may be counted whole, BRS as a slow and the delimiter as a fast one.
 Stuff bits by contents end with the data: a fixed one takes the place of one that would follow the last bit. The stuff count is
 their number modulo 8 in Gray code with an even parity bit. RRS and res are dominant, FDF recessive, ESI dominant
 (error-active).
@@ -39,11 +40,11 @@ CRC_BITS = 15
 TAIL_BITS = 1 + 1 + 1 + 7 + 3
 """CRC delimiter, ACK slot and delimiter, end of frame, intermission."""
 
-FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-"""Bytes of a CAN FD frame by its DLC."""
-
-_FD_POLYNOMIALS = {17: 0x1685B, 21: 0x102899}
+FD_CRC_BITS, FD_CRC_POLYNOMIAL = 17, 0x1685B
+"""The CRC of a CAN FD frame of up to 16 bytes."""
 _STUFF_COUNT_BITS = 4
+_FD_CHECKED_BITS = _STUFF_COUNT_BITS + FD_CRC_BITS
+_FIXED_STUFF_BITS = 1 + (_FD_CHECKED_BITS - 1) // 4
 _HEADER_BITS = {False: 1 + 11 + 1 + 1 + 1 + 4, True: 1 + 11 + 1 + 1 + 18 + 1 + 1 + 1 + 4}
 _STUFF_AFTER = 5
 
@@ -175,19 +176,14 @@ def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
     """Return the counts for CAN FD frames with bit rate switching.
 
     Raises:
-        ValueError: The frame is one that `fd_bits` refuses, or has more than 8 bytes.
+        ValueError: It has more than 8 bytes, or an identifier out of range.
     """
-    if data_length > MAX_DATA_LENGTH:
-        raise ValueError(
-            f"the bits of a CAN FD frame of {data_length} bytes are not counted here; expected at most {MAX_DATA_LENGTH} bytes"
-        )
-    slow, slow_length, bits, length = _fd_content(can_id, bytes(data_length), extended, True)
+    slow, slow_length, bits, length = _fd_content(can_id, bytes(data_length), extended)
     before, before_length = bits >> 8 * data_length, length - 8 * data_length
     inserted, state = _stuffed(before, before_length, _NOTHING_YET)
     if not data_length:
         inserted = stuff_bits(before >> 1, before_length - 1)  # what the last bit calls for is the first fixed one
-    checked = _STUFF_COUNT_BITS + _fd_crc_bits(b"")
-    total = length + checked + _fixed_stuff_bits(checked) + TAIL_BITS
+    total = length + _FD_CHECKED_BITS + _FIXED_STUFF_BITS + TAIL_BITS
     nominal = slow_length + stuff_bits(slow >> 1, slow_length - 1) + TAIL_BITS - 1
     return Head(total, inserted, _rows()[state], fast_bits=total + inserted - nominal)
 
@@ -206,70 +202,36 @@ def fd_stuffed_by(known: Head, data: bytes) -> int:
     return total
 
 
-class FdBits(NamedTuple):
-    """Bits of a CAN FD frame at either rate, stuffed, with intermission."""
-
-    nominal_bits: int
-    data_phase_bits: int
-
-
-def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> FdBits:
-    """Count the bits of a CAN FD frame, intermission included.
-
-    Args:
-        can_id: The identifier, without flags.
-        data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: True for a 29-bit identifier.
-        brs: True if the data phase has a bit rate of its own; else all bits are nominal ones.
-
-    Raises:
-        ValueError: No such length, or no such identifier.
-    """
-    slow, slow_length, bits, length = _fd_content(can_id, data, extended, brs)
-    slow_stuffed = stuff_bits(slow >> 1, slow_length - 1)  # what BRS itself calls for is sent after it
-    stuffed = stuff_bits(bits >> 1, length - 1)  # what the last bit calls for is the first fixed one
-    checked = _STUFF_COUNT_BITS + _fd_crc_bits(data)
-    nominal = slow_length + slow_stuffed + TAIL_BITS - 1
-    total = length + stuffed + checked + _fixed_stuff_bits(checked) + TAIL_BITS
-    return FdBits(nominal, total - nominal) if brs else FdBits(total, 0)
-
-
-def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> str:
+def fd_sent_bits(can_id: int, data: bytes, extended: bool = False) -> str:
     """Return the bits of a CAN FD frame as sent.
 
     From SOF to the last bit of the CRC, with all stuff bits; "0" is dominant.
 
     Raises:
-        ValueError: The frame is one that `fd_bits` refuses.
+        ValueError: The frame is one that `fd_head` refuses.
     """
-    _, _, bits, length = _fd_content(can_id, data, extended, brs)
+    _, _, bits, length = _fd_content(can_id, data, extended)
     sent = _with_stuff_bits(f"{bits >> 1:0{length - 1}b}") + str(bits & 1)
     count = len(sent) - length & 7
     gray = count ^ count >> 1
     sbc = f"{gray:03b}{gray.bit_count() & 1}"
-    crc = crc_fd(int(sent + sbc, 2), len(sent) + _STUFF_COUNT_BITS, _fd_crc_bits(data))
-    checked = f"{sbc}{crc:0{_fd_crc_bits(data)}b}"
+    crc = crc_fd(int(sent + sbc, 2), len(sent) + _STUFF_COUNT_BITS)
+    checked = f"{sbc}{crc:0{FD_CRC_BITS}b}"
     for position in range(0, len(checked), 4):
         sent += ("1" if sent[-1] == "0" else "0") + checked[position : position + 4]
     return sent
 
 
-def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
-    """Return the CRC of a CAN FD frame, 17 or 21 bits.
+def crc_fd(bits: int, length: int, start: int = 1 << FD_CRC_BITS - 1) -> int:
+    """Return the CRC of a CAN FD frame, from SOF to the stuff count, without fixed stuff bits.
 
-    From SOF to the stuff count, without fixed stuff bits.
-
-    Args:
-        bits: The sequence as a number.
-        length: Number of bits in the sequence.
-        width: 17 or 21.
-        start: First value of the register; None for that of the standard, a leading 1.
+    The sequence is a number of `length` bits; the standard starts with a leading 1 in the register.
     """
-    register = 1 << width - 1 if start is None else start
+    register = start
     for position in range(length - 1, -1, -1):
-        feedback = (register >> width - 1 ^ bits >> position) & 1
-        register = register << 1 & (1 << width) - 1
-        register ^= _FD_POLYNOMIALS[width] if feedback else 0
+        feedback = (register >> FD_CRC_BITS - 1 ^ bits >> position) & 1
+        register = register << 1 & (1 << FD_CRC_BITS) - 1
+        register ^= FD_CRC_POLYNOMIAL if feedback else 0
     return register
 
 
@@ -395,27 +357,19 @@ def _content(frame: Frame) -> tuple[int, int]:
     return header << 8 * len(data) | int.from_bytes(data, "big"), length + 8 * len(data)
 
 
-def _fd_content(can_id: int, data: bytes, extended: bool, brs: bool) -> tuple[int, int, int, int]:
+def _fd_content(can_id: int, data: bytes, extended: bool) -> tuple[int, int, int, int]:
     """Return the bits to BRS, and those to the last data bit.
 
     Both from SOF, each as a number with its count.
     """
-    if len(data) not in FD_LENGTHS:
-        raise ValueError(f"a CAN FD frame carries {', '.join(map(str, FD_LENGTHS))} bytes, not {len(data)}")
+    if len(data) > MAX_DATA_LENGTH:
+        raise ValueError(f"a CAN FD frame of {len(data)} bytes; expected at most {MAX_DATA_LENGTH} bytes")
     if not 0 <= can_id <= (CAN_EFF_MASK if extended else CAN_SFF_MASK):
         raise ValueError(f"{can_id:#x} is not an identifier of {29 if extended else 11} bits")
     if extended:
         slow = ((can_id >> 18) << 2 | 0b11) << 18 | can_id & 0x3FFFF  # SOF 0, base identifier, SRR, IDE, extension
-        slow, slow_length = slow << 4 | 0b0100 | brs, 36  # RRS, FDF, res, BRS
+        slow, slow_length = slow << 4 | 0b0101, 36  # RRS, FDF, res, BRS
     else:
-        slow, slow_length = can_id << 5 | 0b00100 | brs, 17  # RRS, IDE, FDF, res, BRS
-    bits = slow << 5 | FD_LENGTHS.index(len(data))  # ESI, DLC
+        slow, slow_length = can_id << 5 | 0b00101, 17  # RRS, IDE, FDF, res, BRS
+    bits = slow << 5 | len(data)  # ESI, DLC
     return slow, slow_length, bits << 8 * len(data) | int.from_bytes(data, "big"), slow_length + 5 + 8 * len(data)
-
-
-def _fd_crc_bits(data: bytes) -> int:
-    return 17 if len(data) <= 16 else 21
-
-
-def _fixed_stuff_bits(checked: int) -> int:
-    return 1 + (checked - 1) // 4

@@ -103,21 +103,15 @@ def ate(
 
 def _summary(outcome: "AteOutcome") -> None:
     """Print the identified numbers."""
-    from hil.control.order_keys import amplitude_key, phase_key  # noqa: PLC0415 - as at the top
-
     part, result = outcome.part, outcome.result
     fit = result.fit
     if part is None or fit is None:
         return
-    errors, phases = part.standard_error, part.values.phases_deg()
     typer.echo(f"axis {result.axis}, {len(result.passes)} passes, {part.learnt_by}")
-    rows: list[tuple[str, str, float | None, str]] = []
-    for order, amplitude in part.values.amplitudes_arcsec().items():
-        rows.append((amplitude_key(order), f"A_{order:g}", amplitude, "arcsec"))
-        rows.append((phase_key(order), f"φ_{order:g}", phases[order], "°"))
+    rows = [(each.name, f"{each.letter}_{each.order:g}", each.value, each.unit) for each in part.numbers()]
     for name, symbol, value, unit in (*rows, ("arm_hz", "f_a", part.arm_hz, "Hz"), ("damping", "ζ", part.damping, "")):
         if value is not None:
-            typer.echo(f"  {symbol:<6}{measured(value, errors[name])} {unit}".rstrip())
+            typer.echo(f"  {symbol:<6}{measured(value, part.standard_error[name])} {unit}".rstrip())
     late = "torque" if result.sensorless else result.bench.file.accelerometer.title
     delay_s = fit.delay_s if result.sensorless else part.accelerometer_delay_s
     typer.echo(f"  the {late} lags the motor angle by {1e3 * delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")

@@ -111,13 +111,8 @@ def _summary(result: "RecordedAteResult") -> None:
     if result.scan is not None:
         peaks = ", ".join(f"{peak.order:.2f}" for peak in result.scan.peaks) or "none"
         typer.echo(f"  blind scan: highest at order {result.scan.highest.order:.2f}; above the false-alarm level: {peaks}")
-    values = {} if result.ate is None else result.ate.values.amplitudes_arcsec()
-    for order, amplitude in values.items():
-        from hil.control.order_keys import amplitude_key, phase_key  # noqa: PLC0415 - as above
-
-        assert result.ate is not None  # noqa: S101 - its values are listed
-        errors, phases = result.ate.standard_error, result.ate.values.phases_deg()
-        typer.echo(f"  A_{order:<4g}{measured(amplitude, errors[amplitude_key(order)])} arcsec")
-        typer.echo(f"  φ_{order:<4g}{measured(phases[order], errors[phase_key(order)])} °")
+    if result.ate is not None:
+        for found in result.ate.numbers():
+            typer.echo(f"  {found.letter}_{found.order:<4g}{measured(found.value, found.error or 0.0)} {found.unit}")
     for note in result.notes:
         typer.echo(f"  note: {note}")

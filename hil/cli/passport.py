@@ -51,11 +51,13 @@ def passport(
     Example: hil passport bench-out --file passport.sqlite --pole-pairs 2=5 --slots 2=12
     """
     with exit_on_error(moves=False):
+        from hil.errors import NotPossibleError
         from hil.passport.gather import gather
         from hil.passport.origin import Motor
         from hil.passport.store import add, read
         from hil.passport.watch import origins, trends
         from hil.report.pages.passport import write_passport
+        from hil.results.base import RESULT_FILE
 
         for folder in directory:
             if not folder.is_dir():
@@ -65,6 +67,12 @@ def passport(
         poles, teeth = _counts(pole_pairs or [], "--pole-pairs"), _counts(slots or [], "--slots")
         motors = {axis: Motor(poles.get(axis), teeth.get(axis)) for axis in poles.keys() | teeth.keys()}
         gathered = gather(directory, note)
+        if not gathered.runs and not (where.exists() and read(where)):
+            say_left_out(gathered.left_out, "files")
+            raise NotPossibleError(
+                f"no identified transmission error below {', '.join(map(str, directory))}, and none in {where}; expected "
+                f"{RESULT_FILE} or a model file of hil identify ate or hil learn; run one of these, or name its folder"
+            )
         new = add(where, gathered.runs)
         runs = read(where)
         found = trends(runs, motors, begin)

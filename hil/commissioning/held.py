@@ -24,7 +24,7 @@ from hil.master.drive.axis import DriveAxis
 from hil.master.drive.limits import limit_of
 from hil.master.motion import Motion, Real
 from hil.master.request import check_set_points
-from hil.master.run import Run, RunLimits, RunStopError
+from hil.master.run import Run, RunStopError
 from hil.master.session import Session
 from hil.recording import Recording
 
@@ -63,10 +63,10 @@ class HeldAxis(Run):
     ) -> None:
         times = sample_times(RECORDED_S, exchange.period_s)
         rest = Motion((axis.number,), times, np.zeros((len(times), 1)), starts_at_home=False)
-        super().__init__(rest, [axis], exchange, RunLimits.of(session.bench), session.supervisor, [start_rad])
+        super().__init__(rest, [axis], exchange, session.bench, session.supervisor, [start_rad])
         self.stopped: str | None = None
         self.is_masters_fault = False
-        self._bench, self._standing_rad = session.bench, standing_rad
+        self._standing_rad = standing_rad
         self._longest = len(times)
 
     @property
@@ -149,7 +149,7 @@ class HeldAxis(Run):
             for row in range(round(at_most_s / self.period_s)):
                 self.slot.target = self.slot.axis.scaling.position_counts(self.start_rad)
                 self.supervisor.cycle(self.exchange)
-                if self.slot.missing > self.limits.missing_limit:
+                if self.slot.missing > self.bench.bus.missing_limit:
                     # a node that falls back to pre-operational sends no PDOs; that alone does not disable it
                     break
                 if not self.slot.missing and self.state in DISABLED:
@@ -195,8 +195,8 @@ class HeldAxis(Run):
 
     def recorded(self) -> Recording:
         """All cycles in which set-points were followed."""
-        recording = with_load_encoders(self._bench, self.recording(), self._standing_rad)
-        return with_tip(self._bench, recording, self._standing_rad)
+        recording = with_load_encoders(self.bench, self.recording(), self._standing_rad)
+        return with_tip(self.bench, recording, self._standing_rad)
 
     def _follow(self, references: Real) -> None:
         row = self.table.rows

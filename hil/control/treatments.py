@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, cast
 
 LoopName = Literal["drive", "host"]
+"""The place where the loop is closed."""
 
 ShaperName = Literal["zv", "zvd", "mzv", "ei", "two-hump-ei"]
 """Input shapers: `hil.control.shapers`."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from drive_profiles.family.profile import Profile
 from hil.bench.bench import Bench
 from hil.can.channel import Channel
+from hil.control.treatments import LoopName
 from hil.errors import NotPossibleError
 from hil.master.drive.mapping import CSP, mode_of
-from hil.master.motion import LoopName
 
 
 @dataclass(frozen=True)

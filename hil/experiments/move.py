@@ -17,11 +17,12 @@ from hil.bench.bench import AxisTable, Bench, Limits
 from hil.can.channel import Channel
 from hil.can.opening import open_channel
 from hil.control.trajectory import Smooth, sample_times
+from hil.control.treatments import LoopName
 from hil.errors import NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.measurement import check_demands, log_label
 from hil.experiments.position_before import PositionBefore
-from hil.master.motion import LoopName, Motion
+from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.master.whereabouts import AWAY_REV, name_range, rev_text
 from hil.recording import BusLog

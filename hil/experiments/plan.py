@@ -10,7 +10,7 @@ import numpy as np
 from hil.analysis import Metrics, judged_orders, shown_band
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
-from hil.control.treatments import TreatmentName
+from hil.control.treatments import LoopName, TreatmentName
 from hil.design.frequency import CONTROL_PERIOD_S, acceleration_bound, margins
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.judge import FoundScale, RunJudge, shown_rps, unreached
@@ -24,7 +24,7 @@ from hil.experiments.motions import (
 )
 from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
 from hil.experiments.window import JudgedWindow, judged_stop, judged_windows
-from hil.master.motion import LoopName, Motion, RunResult
+from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 from hil.results.following import FollowingEntry
 from hil.results.runs import (

@@ -5,7 +5,7 @@ The arrays are small enough for an hour of a bus.
 
 import mmap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,11 @@ class Stream:
         """Some of the frames."""
         return Stream(self.can_id, self.position[rows], self.stamp_ns[rows], self.length[rows], self.data[rows])
 
+    def between(self, begin: int, end: int) -> "Stream":
+        """The frames from one position in the log to before another."""
+        rows = slice(*np.searchsorted(self.position, (begin, end)))
+        return Stream(self.can_id, self.position[rows], self.stamp_ns[rows], self.length[rows], self.data[rows])
+
     def byte(self, number: int) -> NDArray[np.uint8]:
         """Return a byte of each frame, 0 if shorter; shape (n,)."""
         return ((self.data >> np.uint64(8 * number)) & np.uint64(0xFF)).astype(np.uint8)
@@ -127,6 +132,13 @@ class Log:
     def near(self, base: int, nodes: range = range(1, 128)) -> list[Stream]:
         """Return the frames of all nodes with one base, by node."""
         return [self.streams[base + node] for node in nodes if base + node in self.streams]
+
+    def between(self, begin: int, end: int) -> "Log":
+        """The frames of some positions, with the stamps of the whole log."""
+        parts = {can_id: stream.between(begin, end) for can_id, stream in self.streams.items()}
+        streams = {can_id: part for can_id, part in parts.items() if len(part)}
+        last_ns = max((int(part.stamp_ns[-1]) for part in streams.values()), default=0)
+        return replace(self, streams=streams, duration_ns=last_ns)
 
     def errors(self) -> list[Stream]:
         """Error frames, by their classes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -70,13 +71,40 @@ def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
         yield values[begin : begin + FRAMES_AT_ONCE]
 
 
+def _set_ups(log: Log) -> list[int]:
+    """Positions at which the period of a cycle is written anew, behind some SYNCs and before others."""
+    periods = [0x60 | index << 8 for index in (0x1006, 0x60C2)]  # what a server answers to a download
+    answers = [
+        stream.position[np.isin(stream.data & np.uint64(0xFFFFFF), periods)] for stream in log.near(FunctionCode.SDO_RESPONSE)
+    ]
+    written = np.sort(np.concatenate([np.empty(0, np.uint32), *answers]))
+    before = np.searchsorted(log.of(FunctionCode.SYNC).position, written)
+    found, last = [], 0
+    for position, count in zip(written.tolist(), before.tolist(), strict=True):
+        if count - last >= LEAST_FRAMES and log.count(FunctionCode.SYNC) - count >= LEAST_FRAMES:
+            found.append(position)
+            last = count
+    return found
+
+
 class Trace:
     """A log that has been looked through."""
 
-    def __init__(self, log: Log, descriptions: Mapping[int, Description]) -> None:
+    def __init__(self, log: Log, descriptions: Mapping[int, Description], events: list[Event] | None = None) -> None:
+        """Look through a log, or through a part of one whose SDO transfers are known."""
         self.log = log
-        self.events: list[Event] = overheard(log)
+        self.events: list[Event] = overheard(log) if events is None else events
         self.nodes: dict[int, Node] = nodes_of(log, self.events, descriptions)
+        self._descriptions = descriptions
+
+    @cached_property
+    def parts(self) -> list[Trace]:
+        """Parts between which the nodes were set up anew, each with its own cycle, nodes and mapping."""
+        cuts = [0, *_set_ups(self.log), len(self.log)]
+        if len(cuts) == 2:
+            return [self]
+        pairs = itertools.pairwise(cuts)
+        return [Trace(self.log.between(begin, end), self._descriptions, self.events) for begin, end in pairs]
 
     def of(self, pdo: Pdo) -> Stream:
         """Frames of a PDO that are as long as its mapping."""

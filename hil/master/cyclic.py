@@ -12,6 +12,7 @@ import numpy as np
 from hil.can.channel import MessageChannel
 from hil.can.clock import MAX_RECORDS
 from hil.can.frame import Frame, pack
+from hil.control.treatments import LoopName
 from hil.core.library import CORE
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
@@ -19,7 +20,6 @@ from hil.master.drive.mapping import CyclicMode
 from hil.master.drive.pdo import PdoSet
 from hil.master.joint_encoder import JointEncoder
 from hil.master.lateness import CycleSchedule
-from hil.master.motion import LoopName
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock
 from hil.master.sensor import TIP_ELSEWHERE, TipAccelerometer

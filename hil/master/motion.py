@@ -14,8 +14,6 @@ from hil.recording import Recording
 
 Real = NDArray[np.float64]
 
-LoopName = Literal["drive", "host"]
-"""The place where the loop is closed."""
 FilterUse = Literal["none", "notch"]
 """The filters of the bench file that act in a run: none of them, or all."""
 

@@ -11,6 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from hil.bench.bench import RealTimeTable
+
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 CAP_IPC_LOCK = 14
@@ -41,21 +43,6 @@ class Clock:
             time.sleep(left)
         while time.monotonic() < deadline_s:
             pass
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Requests to the operating system.
-
-    Attributes:
-        priority: Priority under SCHED_FIFO; 0 keeps the present scheduler.
-        cpus: Cores to stay on; empty for any.
-        lock_memory: True to keep every used page in memory.
-    """
-
-    priority: int = 80
-    cpus: tuple[int, ...] = ()
-    lock_memory: bool = True
 
 
 @dataclass(frozen=True)
@@ -191,7 +178,7 @@ def quiet_garbage_collection() -> Callable[[], None]:
 class RealTime:
     """Context of real time for this thread; a refusal is no error."""
 
-    def __init__(self, settings: Settings, system: System | None = None) -> None:
+    def __init__(self, settings: RealTimeTable, system: System | None = None) -> None:
         """Prepare the context; nothing is requested yet."""
         self.measures: tuple[Measure, ...] = ()
         self._settings = settings

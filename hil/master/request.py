@@ -12,11 +12,12 @@ from hil.control.notch import FixedFilter, Notch
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import ConstantAcceleration, PointToPoint
+from hil.control.treatments import LoopName
 from hil.design.frequency import margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CSP, mode_of
-from hil.master.motion import FilterUse, LoopName, Motion, Real
+from hil.master.motion import FilterUse, Motion, Real
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.whereabouts import way_out
 

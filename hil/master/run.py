@@ -4,8 +4,8 @@ import contextlib
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -48,28 +48,6 @@ PROGRESS_ROWS = 256
 """Rows of the motion between two reports of its progress."""
 
 
-@dataclass(frozen=True)
-class RunLimits:
-    """Limits and waiting times of a run from the bench file.
-
-    The limits of its axes are not among them.
-
-    Attributes:
-        settle_s: Standstill of the axes before the motion is recorded.
-        approach_rps: Motor speed to the start of the motion, and back.
-        missing_limit: Largest number of answers or cycles in a row that may be missing.
-    """
-
-    settle_s: float
-    approach_rps: float
-    missing_limit: int
-
-    @classmethod
-    def of(cls, bench: Bench) -> Self:
-        """Take them from a bench."""
-        return cls(bench.settle_s, bench.approach_rps, bench.bus.missing_limit)
-
-
 class Run:
     """One run while it lasts: the cycles from enabling to disabled.
 
@@ -77,7 +55,7 @@ class Run:
         motion: The motion.
         axes: The axes, in the order of its columns.
         exchange: PDOs of the axes and the sensor.
-        limits: Limits and waiting times from the bench file.
+        bench: Bench file, for waiting times and counts of missing answers.
         supervisor: Supervisor that sends the heartbeat, and knows the reasons to stop that no PDO contains.
         starts: Start of each axis, in rad at the motor.
         bank: The loops that the host closes; None if the drives close them.
@@ -94,7 +72,7 @@ class Run:
         motion: Motion,
         axes: list[DriveAxis],
         exchange: CyclicExchange,
-        limits: RunLimits,
+        bench: Bench,
         supervisor: Supervisor,
         starts: list[float],
         *,
@@ -103,7 +81,7 @@ class Run:
         progress: Callable[[float], None] = lambda fraction: None,
     ) -> None:
         """Prepare the run; nothing is sent. See the attributes."""
-        self.motion, self.axes, self.exchange, self.limits, self.supervisor = motion, axes, exchange, limits, supervisor
+        self.motion, self.axes, self.exchange, self.bench, self.supervisor = motion, axes, exchange, bench, supervisor
         self.starts, self.bank, self.adder, self.progress = starts, bank, adder, progress
         self.period_s = exchange.period_s
         self.missed = 0
@@ -112,7 +90,7 @@ class Run:
         self.table = RunTable(motion.time_s, len(axes), len(exchange.encoders))
         self._guard_data = CORE.pointer(np.zeros(len(axes), GUARD), "guard")
         self._guards = [
-            AxisGuard(axis.number, axis.table, limits.missing_limit, self.period_s, self._guard_data + row)
+            AxisGuard(axis.number, axis.table, bench.bus.missing_limit, self.period_s, self._guard_data + row)
             for row, axis in enumerate(axes)
         ]
         self._lay_out()
@@ -160,7 +138,7 @@ class Run:
             here = [slot.position_rad for slot in self.exchange.slots]
             first, end = self._at(0), self._at(-1)
             self._move(here, first)
-            self._hold(first, self.limits.settle_s)
+            self._hold(first, self.bench.settle_s)
             self._record()
             last = list(self.starts) if self.motion.returns else end
             self._move(end, last)
@@ -208,7 +186,7 @@ class Run:
             if fault is not None:
                 raise RunStopError(self._own_fault() or fault)
             for slot in self.exchange.slots:
-                if slot.missing >= self.limits.missing_limit:
+                if slot.missing >= self.bench.bus.missing_limit:
                     raise RunStopError(f"axis {slot.axis.number} does not answer")
             if all(state_of(slot.status_word) is goal for slot in self.exchange.slots):
                 return
@@ -248,7 +226,7 @@ class Run:
             return
         stated = [axis.table.limits.acceleration_rps_s for axis in self.axes]
         least = min((each for each in stated if each is not None), default=None)
-        smooth = Smooth.way(distance, self.limits.approach_rps, APPROACH_RAMP_S, least)
+        smooth = Smooth.way(distance, self.bench.approach_rps, APPROACH_RAMP_S, least)
         fraction = np.asarray(smooth.position(sample_times(smooth.duration_s, self.period_s)))
         self.follow(np.array(start) + fraction[:, np.newaxis] * (np.array(end) - np.array(start)))
 
@@ -376,7 +354,7 @@ class Run:
 
         It comes first, since a late master may not have read its answers yet.
         """
-        overdue, limit = self.exchange.schedule.missing_now(), self.limits.missing_limit
+        overdue, limit = self.exchange.schedule.missing_now(), self.bench.bus.missing_limit
         if overdue <= limit:
             return None
         late = f"{overdue} cycles of {duration_text(self.period_s)} in a row were not sent; the limit is {limit}"
@@ -421,7 +399,7 @@ class Run:
             states = [state_of(slot.status_word) for slot in self.exchange.slots]
             if all(state in DISABLED and not slot.missing for state, slot in zip(states, self.exchange.slots, strict=True)):
                 return True
-            if all(slot.missing > self.limits.missing_limit for slot in self.exchange.slots):
+            if all(slot.missing > self.bench.bus.missing_limit for slot in self.exchange.slots):
                 return False
         return False
 

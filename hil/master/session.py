@@ -18,17 +18,18 @@ from hil.can.channel import Channel
 from hil.can.errors import ChannelError
 from hil.can.local import LocalChannel
 from hil.control.notch import FixedFilter
+from hil.control.treatments import LoopName
 from hil.errors import HilError, InterruptedRunError, NodeError, UnsafeRequestError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, FAULT_RESET
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis, ask_emulated, check_identity
 from hil.master.drive.needs import MissingObjectsError, ProfileGapsError, encoder_objects, objects_needed, profile_gaps
 from hil.master.lateness import WallClockTiming
-from hil.master.motion import FilterUse, LoopName, Motion, RunResult
+from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.network import Network
-from hil.master.realtime import Clock, RealTime, Settings, no_garbage_collection
+from hil.master.realtime import Clock, RealTime, no_garbage_collection
 from hil.master.request import RunRequest, check_motion
-from hil.master.run import Run, RunLimits
+from hil.master.run import Run
 from hil.master.sensor import sensor_of
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.supervision import Supervisor
@@ -421,7 +422,7 @@ class Session:
         starts = [0.0 if motion.starts_at_home else axis.position_rad() for axis in axes]
         check_motion(motion, axes, starts)
         return Run(
-            motion, axes, exchange, RunLimits.of(self.bench), self.supervisor, starts,
+            motion, axes, exchange, self.bench, self.supervisor, starts,
             bank=bank, adder=request.adder, progress=self.progress,
         )  # fmt: skip
 
@@ -496,8 +497,7 @@ class Session:
         if self.network.channel.is_lock_step:
             context.callback(no_garbage_collection())
             return None
-        requested = self.bench.bus.real_time
-        return context.enter_context(RealTime(Settings(requested.priority, requested.cpus, requested.lock_memory)))
+        return context.enter_context(RealTime(self.bench.bus.real_time))
 
     def _overflows(self) -> int | None:
         return None if self.network.channel.is_lock_step else self.network.channel.overflows

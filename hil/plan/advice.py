@@ -6,7 +6,7 @@ from functools import cached_property
 
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.bench.bench import Bench
-from hil.master.motion import LoopName
+from hil.control.treatments import LoopName
 from hil.plan.bus_plan import MARGIN, Cycle, CyclicFrame
 from hil.plan.check import Level, PlanVerdict, plan_cycle, stability
 from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text

@@ -7,7 +7,6 @@ which leave by their identifiers. All bits are counted with the intermission of 
 import math
 import random
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -78,9 +77,11 @@ class CyclicFrame:
         )
         return b"".join(parts)
 
-    def actual_bits(self, data: bytes) -> int:
-        """Bits with the stuff bits that these contents need."""
-        return frame_bits(Frame(self.can_id, data))
+
+SDO_TRANSFERS_PER_S = 50.0
+"""Expedited transfers to allow for, 8 bytes each way. The bench makes none in a motion."""
+EMERGENCIES_PER_S = 10.0
+"""Emergencies of all nodes to allow for; never two in one period."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +90,10 @@ class Background:
 
     Attributes:
         nodes: Nodes that send a heartbeat and may send an emergency.
-        sdo_transfers_per_s: Expedited transfers to allow for, 8 bytes each way. The bench makes none in a motion.
-        emergencies_per_s: Emergencies of all nodes to allow for; never two in one period.
     """
 
     nodes: tuple[int, ...]
     heartbeat_s: float = 0.1
-    sdo_transfers_per_s: float = 50.0
-    emergencies_per_s: float = 10.0
 
     def messages(self, wire: WireTiming, *, is_busy: bool) -> list[Message]:
         """Return the messages beside the cycle for the analysis.
@@ -110,12 +107,11 @@ class Background:
 
         per_s = 1.0 / self.heartbeat_s
         messages = [message(f"heartbeat of node {node}", FunctionCode.HEARTBEAT + node, 1, per_s) for node in self.nodes]
-        if is_busy and self.emergencies_per_s > 0.0:
-            messages.append(message("emergency", FunctionCode.EMERGENCY + min(self.nodes), 8, self.emergencies_per_s))
-        if is_busy and self.sdo_transfers_per_s > 0.0:
+        if is_busy:
             node = max(self.nodes)
-            messages.append(message("SDO response", FunctionCode.SDO_RESPONSE + node, 8, self.sdo_transfers_per_s))
-            messages.append(message("SDO request", FunctionCode.SDO_REQUEST + node, 8, self.sdo_transfers_per_s))
+            messages.append(message("emergency", FunctionCode.EMERGENCY + min(self.nodes), 8, EMERGENCIES_PER_S))
+            messages.append(message("SDO response", FunctionCode.SDO_RESPONSE + node, 8, SDO_TRANSFERS_PER_S))
+            messages.append(message("SDO request", FunctionCode.SDO_REQUEST + node, 8, SDO_TRANSFERS_PER_S))
         return messages
 
 
@@ -171,10 +167,6 @@ class Cycle:
     def worst_bits(self) -> int:
         """Bits of the cycle with as many stuff bits as possible."""
         return sum(frame.worst_bits for frame in self.frames)
-
-    def actual_bits(self, contents: Mapping[int, bytes]) -> int:
-        """Bits of the cycle with given contents by identifier; SYNC needs none."""
-        return sum(frame.actual_bits(contents.get(frame.can_id, b"")) for frame in self.frames)
 
     @property
     def period_ns(self) -> int:

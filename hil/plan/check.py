@@ -12,12 +12,12 @@ from drive_profiles.standard.cia301 import DataType, FunctionCode
 from drive_profiles.standard.cia402 import Object
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.bench.load_encoder import watched_axes
+from hil.control.treatments import LoopName
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive import mapping
 from hil.master.drive.needs import run_gaps, run_remarks
 from hil.master.drive.pdo import MappedObject
-from hil.master.motion import LoopName
 from hil.master.request import MAX_SENSITIVITY, check_acceleration
 from hil.plan.bus_plan import Background, Cycle, CyclicFrame, FrameKind, Range
 from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text

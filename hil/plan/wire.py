@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
-from hil.can.bits import FD_LENGTHS, NOMINAL_BITS, worst_case_bits
+from hil.can.bits import NOMINAL_BITS, worst_case_bits
 
 CLASSIC_MAX_BITRATE = 1_000_000
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of a CAN FD frame by its DLC."""
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 
 from hil.arm.kinematics import Kinematics
 from hil.bench.tip import joint_angles
+from hil.experiments.motions import LINE_MOTION
 from hil.report import style
-from hil.report.material import LINE_MOTION, Material, treatment_name
+from hil.report.material import Material, treatment_name
 from hil.report.plotted_run import PlottedRun, judged_line_s, plotted_run
 from hil.report.projection import View
 from hil.report.style import Real

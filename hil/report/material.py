@@ -17,6 +17,7 @@ from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.judge import line_scale, scale_at, shown_rps
+from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
 from hil.report.origin import origin_of
@@ -24,8 +25,6 @@ from hil.results.acted import FilterSet, notches_of
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry
 from hil.robot_tables import NotchTable
-
-CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
 
 FEWEST_ROWS = 64
 """Least number of rows: a shorter recording cannot be filtered."""
@@ -40,12 +39,15 @@ FIT_BELOW, FIT_ABOVE = 15.0 / 22.0, 1.2
 its beginning, to above that of order 2, in units of its end."""
 
 
+def case_name(experiment: str, axis: int | None) -> str:
+    """Name of a motion in words; the axis is None for one of several."""
+    return experiment.replace("-", " ") if axis is None else f"axis {axis}, {experiment.replace('-', ' ')}"
+
+
 def run_name(run: RunEntry, *, with_window: bool = True) -> str:
     """Name of a run in words."""
-    words = run.experiment.replace("-", " ")
-    what = f"axis {run.axis}, {words}" if run.axis is not None else words
     window = "" if run.order is None or not with_window else f", k = {run.order} window"
-    return f"{what}, {treatment_name(run.treatment)}, {run.loop}-closed{window}"
+    return f"{case_name(run.experiment, run.axis)}, {treatment_name(run.treatment)}, {run.loop}-closed{window}"
 
 
 def treatment_name(name: str) -> str:

@@ -5,10 +5,8 @@ from collections.abc import Iterable
 
 from markupsafe import Markup
 
-from hil.control.order_keys import amplitude_key, phase_key
-
-BY_ORDER = ((amplitude_key, "A", "arcsec"), (phase_key, "φ", "°"))
-"""Names and symbols of an order's two numbers."""
+BY_ORDER = (("A", "arcsec"), ("φ", "°"))
+"""Symbols and units of an order's two numbers."""
 
 
 def symbol_of(name: str) -> str:

@@ -86,6 +86,11 @@ def key_end(number: int) -> str:
     return f"-part{number + 1}" if number else ""
 
 
+def title_end(number: int) -> str:
+    """Return the end of the title of a figure's n-th part."""
+    return f", part {number + 1}" if number else ""
+
+
 def what_acted(runs: list[PlottedRun]) -> str:
     """Return treatments for a title: `with and without the notch`."""
     names = [run.entry.treatment for run in runs if run.entry.treatment != "none"]

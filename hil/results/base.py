@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
-from drive_profiles.files.safefile import naming
+from drive_profiles.files.safefile import file_instead, naming
 from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
 from hil.errors import NOT_DISABLED, HilError, NotPossibleError, RefusalCause, SafetyStopError, not_restored_words
@@ -37,9 +37,8 @@ def result_directory(
     if out is None:
         return Path("bench-out") / f"{datetime.datetime.now(datetime.UTC):%Y%m%dT%H%M%SZ}-{name}"
     folder = Path(out)
-    there = next((each for each in (folder, *folder.parents) if each.exists()), folder)
-    if there.exists() and not there.is_dir():
-        raise NotPossibleError(f"{there} is a file; expected a folder; name another one")
+    if wrong := file_instead(folder):
+        raise NotPossibleError(f"{wrong}; name another one")
     found = next((path for pattern in _FILES_OF_A_RESULT for path in sorted(folder.glob(pattern))), None)
     if found is not None and not force:
         raise NotPossibleError(f"{found} already exists, from an earlier command; name another directory, or {remedy}")

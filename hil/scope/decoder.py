@@ -16,10 +16,8 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
-from hil.can.bits import NOMINAL_BITS
-from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG
 from hil.can.listening import ReceivedFrames
-from hil.logs.findings.bus import EXTENDED_BITS, STUFFED
+from hil.logs.findings.bus import likely_bits
 from hil.logs.log import Stream
 from hil.scope.overhearing import Overhearing
 from hil.scope.past import widened
@@ -232,12 +230,7 @@ class SignalDecoder:
             if key not in columns and not math.isnan(value):  # its mapping has gone since, in the row that is open
                 columns[key] = np.concatenate([[value], np.full(count - 1, np.nan)])
         missed = self._missed(streams, count)
-        is_frame = (heard["can_id"] & np.uint32(CAN_ERR_FLAG)) == 0
-        octets = np.where(heard["can_id"] & np.uint32(CAN_RTR_FLAG), 0, heard["length"])
-        extended = EXTENDED_BITS * ((heard["can_id"] & np.uint32(CAN_EFF_FLAG)) != 0)
-        bits = np.bincount(row_of, weights=is_frame * STUFFED * (NOMINAL_BITS + extended + 8.0 * octets), minlength=count).astype(
-            np.float64
-        )
+        bits = np.bincount(row_of, weights=likely_bits(heard["can_id"], heard["length"]), minlength=count).astype(np.float64)
         bits[0] += self._open.bits
         return columns, missed, bits
 

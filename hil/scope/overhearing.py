@@ -12,12 +12,12 @@ from drive_profiles.standard.cia301 import FunctionCode
 from drive_profiles.standard.object_address import ObjectAddress
 from hil.bench.bench import Bench
 from hil.can.listening import FRAME_RECORD, ReceivedFrames
+from hil.control.treatments import LoopName
 from hil.logs.log import Damage, Log, LogBuilder
 from hil.logs.nodes import Node, nodes_of
 from hil.logs.overheard import OverheardValue, overheard
 from hil.master.drive import mapping
 from hil.master.drive.pdo import MappedObject
-from hil.master.motion import LoopName
 
 TRANSFER_NS = 500_000_000
 """Frames of a transfer lie at most so far apart: older ones are forgotten, and their values kept."""

@@ -25,7 +25,7 @@ from hil.master.control_words import SHUTDOWN
 from hil.master.drive.axis import DriveAxis
 from hil.master.motion import Motion
 from hil.master.request import check_motion
-from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunLimits, RunStopError
+from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunStopError
 from hil.recording import Recording
 from plant_emulator.pytest_plugin.master import BenchSession
 
@@ -358,7 +358,7 @@ def _enable(session: BenchSession, number: int, keeper: Keeper, bus: ExitStack) 
     axis.identify()
     exchange = session.exchange([axis], period, "drive")
     rest = Motion((number,), sample_times((MAX_RECORDED - 1) * period, period), np.zeros((MAX_RECORDED, 1)), starts_at_home=False)
-    run = HeldRun(rest, [axis], exchange, RunLimits.of(session.bench), session.supervisor, [axis.position_rad()])
+    run = HeldRun(rest, [axis], exchange, session.bench, session.supervisor, [axis.position_rad()])
     held = EnabledDrive(session, axis, run, keeper)
     session.prepare(bus, [axis], exchange)
     session.held = exchange

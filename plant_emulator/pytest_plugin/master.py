@@ -9,10 +9,11 @@ import pytest
 from drive_profiles.standard.cia301 import DataType
 from hil.bench.bench import Bench
 from hil.control.notch import FixedFilter
+from hil.control.treatments import LoopName
 from hil.errors import InterruptedRunError, NoAnswerError, NotPossibleError
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.mapping import ACCELERATION_OBJECT
-from hil.master.motion import FilterUse, LoopName, Motion, RunResult
+from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.sensor import DIGITS_OBJECT
 from hil.master.session import Session
 from hil.master.set_point_adder import SetPointAdder

@@ -106,7 +106,6 @@ def verdict(summaries: Sequence[Summary]) -> PageVerdict:
         for each in summaries
     )
     if count == runs:
-        return PageVerdict("good", "✔", f"All {runs} plants meet the specification", details)
+        return PageVerdict("good", f"All {runs} plants meet the specification", details)
     is_bad = any(each.faults or each.nominal["meets"] is not True for each in summaries)
-    kind, sign = ("bad", "✘") if is_bad else ("open", "▲")
-    return PageVerdict(kind, sign, f"{count} of {runs} plants meet the specification", details)
+    return PageVerdict("bad" if is_bad else "open", f"{count} of {runs} plants meet the specification", details)

@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -134,6 +134,25 @@ def test_a_log_of_several_runs_has_nothing_wrong_where_no_drive_is_enabled(tmp_p
     log.write()
     found = explain(open_log(tmp_path / "bus.log"), {}, RATE)
     assert not {"set-point-jump", "two-masters", "too-fast", "nmt-while-working"} & set(kinds(found)), found.findings
+
+
+def test_runs_with_other_periods_and_axes_in_one_log_are_each_judged_by_their_own_cycle(tmp_path):
+    """Each has its own SYNC period, nodes and mapping; most of the SYNCs are those of the shorter period."""
+    setup, log = bench(), BusLog(tmp_path / "bus.log", "can0")
+    motions = line_motion(setup, 0.004), constant_acceleration(setup, 2, 0.001), line_motion(setup, 0.002)
+    with Session(setup, InProcessChannel(World(load_robot("reference"))), log) as session:
+        session.bring_up()
+        assert [session.run(motion, "none", "drive").stopped for motion in motions] == [None] * 3
+    log.write()
+    whole = open_log(tmp_path / "bus.log")
+    assert set(kinds(explain(whole, {}, 8 * RATE))) <= {"order-line"}
+    syncs = whole.of(SYNC).position
+    cut = int(syncs[len(syncs) // 2])  # a fault of one run is found all the same, at its place
+    less = {
+        can_id: stream.only((stream.position < cut) | (stream.position > cut + 100)) for can_id, stream in whole.streams.items()
+    }
+    [missing] = [each for each in explain(replace(whole, streams=less), {}, 8 * RATE).findings if each.kind == "sync-missing"]
+    assert missing.stamps_s == pytest.approx([whole.of(SYNC).stamp_ns[len(syncs) // 2 - 1] * 1e-9])
 
 
 def log_of_drawn(folder, seed):

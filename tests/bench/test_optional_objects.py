@@ -9,13 +9,14 @@ from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object, State
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.can.frame import Frame
+from hil.control.treatments import LoopName
 from hil.errors import NodeError, NotPossibleError
 from hil.experiments import measurement
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
 from hil.master.drive.needs import MissingObjectsError
-from hil.master.motion import LoopName, RunResult
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from hil.robot_tables import Control

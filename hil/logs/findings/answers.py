@@ -24,12 +24,17 @@ HEARTBEATS = 2.5
 
 
 def answer_findings(trace: Trace) -> Iterator[Said]:
-    """Faults of the nodes' own frames."""
+    """Faults of the nodes' process data and heartbeats."""
     for node in trace.nodes.values():
         for pdo in node.pdos:
             if pdo.direction == "tpdo":
                 yield from _process_data(trace, node, pdo)
         yield from _heartbeats(trace, node)
+
+
+def node_findings(trace: Trace) -> Iterator[Said]:
+    """Emergencies, and faults of SDO transfers."""
+    for node in trace.nodes.values():
         yield from _emergencies(trace, node)
     yield from _transfers(trace)
 

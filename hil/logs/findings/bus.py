@@ -29,11 +29,10 @@ TOLERANT = 1.02
 
 
 def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
-    """Damage, load, error frames and masters of a bus."""
+    """Damage, load and error frames of a bus."""
     yield from _damage(trace)
     yield from _load(trace, bitrate)
     yield from _error_frames(trace)
-    yield from _set_point_senders(trace)
 
 
 def _damage(trace: Trace) -> Iterator[Said]:
@@ -66,16 +65,19 @@ def _damage(trace: Trace) -> Iterator[Said]:
         )
 
 
+def likely_bits(can_id: NDArray[np.uint32] | int, octets: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Bits of frames on the wire with the usual stuff bits, 0 for error messages; shape (n,) as the numbers of data bytes."""
+    is_frame, is_long = np.bitwise_and(can_id, CAN_ERR_FLAG) == 0, np.bitwise_and(can_id, CAN_EFF_FLAG) != 0
+    sent = np.where(np.bitwise_and(can_id, CAN_RTR_FLAG), 0, octets)
+    return np.asarray(is_frame * STUFFED * (NOMINAL_BITS + EXTENDED_BITS * is_long + 8.0 * sent))
+
+
 def _bits(trace: Trace) -> NDArray[np.float64]:
     """Bits on the wire in each window."""
     windows = trace.log.duration_ns // WINDOW_NS + 1
     bits = np.zeros(windows)
     for can_id, stream in trace.log.streams.items():
-        if can_id & CAN_ERR_FLAG:
-            continue
-        octets = np.zeros(1) if can_id & CAN_RTR_FLAG else stream.length
-        own = STUFFED * (NOMINAL_BITS + (EXTENDED_BITS if can_id & CAN_EFF_FLAG else 0) + 8.0 * octets)
-        bits += np.bincount(stream.stamp_ns // WINDOW_NS, weights=np.broadcast_to(own, len(stream)), minlength=windows)
+        bits += np.bincount(stream.stamp_ns // WINDOW_NS, weights=likely_bits(can_id, stream.length), minlength=windows)
     return bits[:-1]
 
 
@@ -139,8 +141,8 @@ def _error_frames(trace: Trace) -> Iterator[Said]:
     )  # fmt: skip
 
 
-def _set_point_senders(trace: Trace) -> Iterator[Said]:
-    """Find two senders of one RPDO.
+def sender_findings(trace: Trace) -> Iterator[Said]:
+    """Find two senders of one RPDO, or more than one master.
 
     Every second value then continues the other sender's.
     """

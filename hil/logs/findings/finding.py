@@ -1,6 +1,8 @@
 """Finding in a log, in words, with stamps and a picture."""
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -81,6 +83,21 @@ class Untold:
 
 
 Said = Finding | Untold
+
+
+def together(parts: Iterable[Iterable[Said]]) -> list[Said]:
+    """Join what is alike in several parts of a log: the words of the first, and the stamps and occurrences of all."""
+    found: dict[object, Said] = {}
+    for part in parts:
+        seen: Counter[object] = Counter()
+        for each in part:
+            what = each if isinstance(each, Untold) else (each.kind, each.severity, each.node)
+            seen[what] += 1
+            first = found.setdefault((what, seen[what]), each)
+            if isinstance(first, Finding) and isinstance(each, Finding) and each is not first:
+                stamps_s = (*first.stamps_s, *each.stamps_s)[:MOST_STAMPS]
+                found[what, seen[what]] = replace(first, stamps_s=stamps_s, count=first.count + each.count)
+    return list(found.values())
 
 
 def stamps_of(stamp_ns: NDArray[np.int64], rows: NDArray[np.intp]) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling, interpolation_period
 from hil.bench.bench import AxisTable
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
+from hil.control.treatments import LoopName
 from hil.errors import (
     AlreadyMovingError,
     HilError,
@@ -45,7 +46,6 @@ from hil.master.drive.needs import (
     scale_gaps,
 )
 from hil.master.drive.scale import Questions, check_load_encoder, read_scaling
-from hil.master.motion import LoopName
 from hil.master.whereabouts import rev_text
 from hil.robot_tables import Control
 

@@ -7,8 +7,8 @@ from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import ENABLE_INTERPOLATION, Mode, Object
 from drive_profiles.standard.object_address import object_address
 from hil.bench.bench import AxisTable
+from hil.control.treatments import LoopName
 from hil.master.drive.pdo import MappedObject
-from hil.master.motion import LoopName
 
 U16, I16, I32 = DataType.UNSIGNED16, DataType.INTEGER16, DataType.INTEGER32
 ACCELERATION_OBJECT = 0x7130

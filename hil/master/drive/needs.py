@@ -8,10 +8,10 @@ from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
+from hil.control.treatments import LoopName
 from hil.errors import NodeError, NotPossibleError
 from hil.master.drive import mapping
 from hil.master.drive.limits import LIMITS, limit_words, tells_current
-from hil.master.motion import LoopName
 from hil.robot_tables import Control
 
 ABSENT: Final = frozenset({SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX})

@@ -90,9 +90,6 @@ class PdoSet:
         self.network, self.node = network, node
         self._before: list[PdoConfiguration] = []
 
-    def _take(self, communication: int) -> None:
-        self._before.append(read_pdo(self.network, self.node, communication))
-
     def rpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
         """Map objects to RPDO `number` (from 1) by SYNC; return its identifier."""
         return self._set(0x1400 + number - 1, 0x100 + 0x100 * number + self.node, objects)
@@ -102,7 +99,7 @@ class PdoSet:
         return self._set(0x1800 + number - 1, 0x080 + 0x100 * number + self.node, objects)
 
     def _set(self, communication: int, can_id: int, objects: tuple[MappedObject, ...]) -> int:
-        self._take(communication)
+        self._before.append(read_pdo(self.network, self.node, communication))
         values = tuple(entry.value for entry in objects)
         PdoConfiguration(communication, can_id, SYNCHRONOUS, values).apply(self.network, self.node)
         return can_id

@@ -8,18 +8,10 @@ from dataclasses import dataclass
 
 from hil.bench.bench import Bench
 from hil.errors import NotPossibleError
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT
 from hil.results.ate import AteResult
 from hil.results.base import MeasuredResult
 from hil.results.plant import PlantResult
 from hil.results.runs import ExperimentsResult, RunEntry
-
-MOTION_TABLES = {
-    CONSTANT_ACCELERATION: "constant_acceleration",
-    LINE_MOTION: "line_motion",
-    POINT_TO_POINT: "point_to_point",
-}
-"""Table of the bench file that says a motion, by the name of the experiment."""
 
 Case = tuple[str, int | None]
 Key = tuple[str, int | None, str, str, int | None]
@@ -101,9 +93,7 @@ def paired_runs(new: ExperimentsResult, old: ExperimentsResult) -> PairedRuns:
 
 
 def _check_motion(experiment: str, new: Bench, old: Bench) -> None:
-    name = MOTION_TABLES.get(experiment)
-    if name is None:
-        return
+    name = experiment.replace("-", "_")  # its table in the bench file
     own, other = (None if table is None else table.model_dump() for table in (getattr(new, name), getattr(old, name)))
     if own == other:
         return

@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hil.bench.model import IdentifiedError
-from hil.control.order_keys import amplitude_key, phase_key
 from hil.report.against.alike import RunPair
 from hil.report.material import Material, run_name, treatment_name, worst_of
 from hil.report.order_names import symbol_of
@@ -117,7 +115,7 @@ def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
     if new.ate is None or old.ate is None:
         return
     group = f"axis {new.axis}: transmission error"
-    own, other = _values(new.ate), _values(old.ate)
+    own, other = ({each.name: each.value for each in part.numbers()} for part in (new.ate, old.ate))
     for name in dict.fromkeys((*own, *other)):
         text, _, unit = symbol_of(name).partition(" (")
         errors = old.ate.standard_error.get(name), new.ate.standard_error.get(name)
@@ -125,16 +123,6 @@ def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
         yield NumberPair(group, text, unit.removesuffix(")"), other.get(name), own.get(name), *errors, is_angle=is_angle)
     yield NumberPair(group, "Resonance of the arm", "Hz", old.ate.arm_hz, new.ate.arm_hz)
     yield NumberPair(group, "ζ of the arm", "", old.ate.damping, new.ate.damping)
-
-
-def _values(part: IdentifiedError) -> dict[str, float]:
-    """Return amplitudes and phases by their names in the model file."""
-    phases = part.values.phases_deg()
-    return {
-        name: value
-        for order, amplitude in part.values.amplitudes_arcsec().items()
-        for name, value in ((amplitude_key(order), amplitude), (phase_key(order), phases[order]))
-    }
 
 
 def plant_numbers(new: PlantResult, old: PlantResult) -> Iterator[NumberPair]:

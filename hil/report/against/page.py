@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 
 from hil.control.order_keys import amplitude_key
 from hil.errors import NotPossibleError
+from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.against.alike import PairedRuns, RunPair, check_robot, paired_runs
@@ -26,7 +27,7 @@ from hil.report.against.numbers import (
     run_numbers,
 )
 from hil.report.figures.order_map import ramp_map
-from hil.report.material import CONSTANT_ACCELERATION, Material, run_name
+from hil.report.material import Material, run_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, moment_text, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
@@ -183,7 +184,7 @@ def verdict(numbers: Sequence[NumberPair], settings: Sequence[Setting]) -> PageV
     count = "No setting differs" if not settings else f"Settings that differ: {len(settings)}"
     told = f"{len(certain)} of {len(with_error)} numbers that have a standard error differ by more than chance"
     headline = f"{count}; {told if with_error else 'no number has a standard error in both'}"
-    return PageVerdict("open", "▲", headline, tuple(details))
+    return PageVerdict("open", headline, tuple(details))
 
 
 SPECTRUM_TO_HZ = 50.0

@@ -19,7 +19,7 @@ from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
-from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
+from hil.report.order_names import order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.plotted_run import FEWEST, draw_passage, passage_panels, spread_arcsec
@@ -254,13 +254,11 @@ def errors(
         return None
     rows: list[list[Cell]] = []
     paper = TABLE_2.get(axis) if is_paper else None
-    amplitudes, phases = part.values.amplitudes_arcsec(), part.values.phases_deg()
-    for order in amplitudes:
-        for column, (letter, unit, form) in enumerate((("A", "arcsec", "{:.3f}"), ("φ", "°", "{:.2f}"))):
-            printed = [] if paper is None else [number(paper.of(order)[column], "{:g}")]
-            value, key = (amplitudes, phases)[column][order], (amplitude_key, phase_key)[column](order)
-            shown = [number(value, form), number(part.standard_error.get(key), form)]
-            rows.append([symbol(letter, order), unit, *printed, *shown])
+    for each in part.numbers():
+        form = "{:.3f}" if each.letter == "A" else "{:.2f}"
+        printed = [] if paper is None else [number(paper.of(each.order)["Aφ".index(each.letter)], "{:g}")]
+        shown = [number(each.value, form), number(each.error, form)]
+        rows.append([symbol(each.letter, each.order), each.unit, *printed, *shown])
     header = ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error")
     caption = (
         "The standard error covers noise only. "
@@ -354,8 +352,7 @@ def passes(material: AteMaterial) -> ReportTable:
     """Table of every pass, and the standard errors after it."""
     history = material.result.history or ()
     part = material.part
-    orders = [] if part is None else list(part.values.amplitudes_arcsec())
-    names = [(key(order), symbol(letter, order), unit) for order in orders for key, letter, unit in BY_ORDER]
+    names = [] if part is None else [(each.name, symbol(each.letter, each.order), each.unit) for each in part.numbers()]
     rows: list[list[Cell]] = []
     for index, each in enumerate(material.result.passes):
         after = history[index] if index < len(history) else None

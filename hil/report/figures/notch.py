@@ -20,8 +20,9 @@ from hil.control.angles import ARCSEC
 from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
 from hil.design.frequency import Loop, Margins, acceleration_bound, margins
 from hil.design.notch_problem import Requirements
+from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.report import style
-from hil.report.material import CONSTANT_ACCELERATION, Material, treatment_name
+from hil.report.material import Material, treatment_name
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import filters_end
 from hil.results.acted import FilterSet

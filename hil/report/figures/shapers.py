@@ -10,7 +10,7 @@ from hil.experiments.treatment import TITLES
 from hil.experiments.window import stop_row
 from hil.recording import Recording
 from hil.report import style
-from hil.report.material import Material
+from hil.report.material import Material, case_name
 from hil.report.report_table import NONE, Cell, ReportTable, number
 from hil.report.style import Drawing
 from hil.results.runs import RunEntry, ShaperEntry
@@ -110,13 +110,12 @@ def shaper_table(
         made = run.shaper
         if made is None:
             continue
-        where = run.experiment.replace("-", " ") if run.axis is None else f"axis {run.axis}, {run.experiment.replace('-', ' ')}"
         error = NONE if made.path_error_mm is None else f"{made.path_error_mm:.3f}"
         parts = (made.remaining_low_fraction, made.remaining_fraction, made.remaining_high_fraction)
         rows.append([
-            TITLES[run.treatment], where, "; ".join(map(mode_words, made.modes)), f"{1e3 * made.duration_s:.0f}",
-            f"{1e3 * made.delay_s:.0f}", *(f"{100.0 * part:.1f}" for part in parts), error, number(run.tip_peak_mm, "{:.4f}"),
-            change_db(plain.get((run.experiment, run.axis, run.loop)), run.tip_peak_mm),
+            TITLES[run.treatment], case_name(run.experiment, run.axis), "; ".join(map(mode_words, made.modes)),
+            f"{1e3 * made.duration_s:.0f}", f"{1e3 * made.delay_s:.0f}", *(f"{100.0 * part:.1f}" for part in parts), error,
+            number(run.tip_peak_mm, "{:.4f}"), change_db(plain.get((run.experiment, run.axis, run.loop)), run.tip_peak_mm),
         ])  # fmt: skip
     header = (
         "shaper", "motion", "fitted to", "longer by (ms)", "late by (ms)", "left at −10 % (%)", "as fitted (%)", "at +10 % (%)",

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.analysis import BRAKING_S, amplitude_spectrum, motor_speed_rps
+from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
 from hil.recording import Recording
 from hil.report import plotted_run as plotted
 from hil.report import style
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, run_name, treatment_name
+from hil.report.material import Material, finite, run_name, treatment_name
 from hil.report.style import Drawing
 
 

@@ -32,7 +32,7 @@ def verdict(result: ArmResult) -> PageVerdict:
     known = result.arm
     found = f"from {known.postures} postures, misfit {known.misfit:.2f} standard errors"
     headline = f"Dips are predicted within {100.0 * known.dip_error:.1f} %, {found}"
-    return PageVerdict("good", "✔", headline, result.notes)
+    return PageVerdict("good", headline, result.notes)
 
 
 def dips(result: ArmResult) -> ReportTable:

@@ -52,15 +52,15 @@ def verdict(material: AteMaterial) -> PageVerdict:
     """Verdict at the top of the page."""
     result = material.result
     if result.stopped is not None:
-        return PageVerdict("bad", "■", "A run was stopped", (result.stopped,))
+        return PageVerdict("stopped", "A run was stopped", (result.stopped,))
     part = material.part
     if part is None:
-        return PageVerdict("bad", "✘", "The transmission error was not identified", (result.not_identified or "",))
+        return PageVerdict("bad", "The transmission error was not identified", (result.not_identified or "",))
     details = (
         f"From {'motor torque and encoder alone' if material.is_sensorless else 'tip acceleration and motor angle'}.",
         *(result.notes or ()),
     )
     numbers = ", ".join(values_in_words(part))
     if result.is_within_goal:
-        return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *details))
-    return PageVerdict("open", "▲", "The transmission error is less certain than requested", (numbers, *details))
+        return PageVerdict("good", "The transmission error is identified", (numbers, *details))
+    return PageVerdict("open", "The transmission error is less certain than requested", (numbers, *details))

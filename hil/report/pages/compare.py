@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from drive_profiles.errors import FileError
 from hil.analysis import band_passed, motor_speed_rps
 from hil.bench.bench import load_bench
+from hil.experiments.motions import LINE_MOTION, POINT_TO_POINT
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
 from hil.report import plotted_run as plotted
@@ -21,13 +22,13 @@ from hil.report.figures.arm_along_line import arm_along_line
 from hil.report.figures.arm_swinging import arm_swinging
 from hil.report.figures.directions import direction_table, directions_of
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.material import LINE_MOTION, POINT_TO_POINT, Material
+from hil.report.material import Material, case_name
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Mark
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
-from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
+from hil.report.tables.compare import cases, change, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 
 OVERLAID = 4
@@ -177,12 +178,11 @@ class ComparedMotion:
             return []
         runs = [(run.label, run.recording) for _, run in self.runs]
         title = f"{f'{self.robot.name}, axis' if self.several else 'Axis'} {self.axis}: which order shakes the tip"
-        parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
         resonance = MarkedResonance(self.material.f_al(self.axis))
-        made = [
-            order_maps(f"orders-{self.key}{plotted.key_end(number)}", title, part, self.axis, resonance)
-            for number, part in enumerate(parts)
-        ]
+        made = []
+        for number, start in enumerate(range(0, len(runs), MAPPED)):
+            key, name = f"orders-{self.key}{plotted.key_end(number)}", title + plotted.title_end(number)
+            made.append(order_maps(key, name, runs[start : start + MAPPED], self.axis, resonance))
         return [drawing for drawing in made if drawing is not None]
 
     def directions(self) -> Drawing | None:
@@ -274,7 +274,7 @@ def verdict(result: TreatmentTable) -> PageVerdict:
     details += [_sentence(name, rows, len(everywhere)) for name, rows in by_treatment.items()]
     details += [*tables_compare.notch_sentences(result), *_refused(result)]
     if failure or any(robot.ended is not None for robot in result.robots):
-        return PageVerdict("bad", "■", "The comparison is not complete", tuple(details))
+        return PageVerdict("stopped", "The comparison is not complete", tuple(details))
     keeping = {
         name: max(row.tip_peak_mm for _, row in rows if row.tip_peak_mm is not None)
         for name, rows in by_treatment.items()
@@ -285,10 +285,10 @@ def verdict(result: TreatmentTable) -> PageVerdict:
     where = "the experiment" if len(everywhere) == 1 else f"all {len(everywhere)} experiments"
     if keeping:
         best = min(keeping, key=lambda name: keeping[name])
-        return PageVerdict("good", "✔", f"{_title(best)} keeps the tip within {limit} in {where}", tuple(details))
+        return PageVerdict("good", f"{_title(best)} keeps the tip within {limit} in {where}", tuple(details))
     if not any(name != "none" for name in by_treatment):
-        return PageVerdict("bad", "✘", "Nothing could be compared", tuple(details))
-    return PageVerdict("open", "▲", f"No single treatment keeps the tip within {limit} in {where}", tuple(details))
+        return PageVerdict("bad", "Nothing could be compared", tuple(details))
+    return PageVerdict("open", f"No single treatment keeps the tip within {limit} in {where}", tuple(details))
 
 
 def _title(name: str) -> str:

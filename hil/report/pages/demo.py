@@ -8,13 +8,14 @@ from markupsafe import Markup
 
 from hil.analysis import is_noise
 from hil.control.treatments import treatment
+from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT
 from hil.experiments.plan import outside
 from hil.experiments.treatment import TITLES
 from hil.report.figures import arm_along_line, arm_swinging, directions, model, order_map, shapers, suppression
 from hil.report.figures.notch import NotchFigures
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
+from hil.report.material import Material, finite, run_name, treatment_name
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.plotted_run import key_end, shown_runs
+from hil.report.plotted_run import key_end, shown_runs, title_end
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
 from hil.report.style import Drawing
@@ -134,7 +135,7 @@ def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
     """Yield order maps of an axis without and with treatments."""
     for number, group in enumerate(shown_runs(material, CONSTANT_ACCELERATION, axis)):
         runs = [(run.label, run.recording) for run in group]
-        key, title = f"orders-{axis}{key_end(number)}", f"Axis {axis}: which order shakes the tip"
+        key, title = f"orders-{axis}{key_end(number)}", f"Axis {axis}: which order shakes the tip{title_end(number)}"
         yield order_map.order_maps(key, title, runs, axis, order_map.MarkedResonance(material.f_al(axis)))
 
 
@@ -221,11 +222,9 @@ def verdict(material: Material) -> PageVerdict:
     details += _missed(material)
     if early:
         many = "A run was" if len(early) == 1 else f"{len(early)} runs were"
-        return PageVerdict("bad", "■", f"{many} stopped early", tuple(details))
+        return PageVerdict("stopped", f"{many} stopped early", tuple(details))
     if failed:
-        return PageVerdict(
-            "bad", "✘", f"{len(failed)} of the paper's {len(claims)} claims do not hold on this bench", tuple(details)
-        )
+        return PageVerdict("bad", f"{len(failed)} of the paper's {len(claims)} claims do not hold on this bench", tuple(details))
     if held:
         left = len(claims) - len(held)
         rest = "" if not left else f"; {left} could not be judged from these runs"
@@ -235,7 +234,7 @@ def verdict(material: Material) -> PageVerdict:
         if in_a_row:
             headline, details = in_a_row, [f"{headline}.", *details]
         is_open = bool(left or beyond)
-        return PageVerdict("open" if is_open else "good", "▲" if is_open else "✔", headline, tuple(details))
+        return PageVerdict("open" if is_open else "good", headline, tuple(details))
     return _by_specification(material, details)
 
 
@@ -294,21 +293,21 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
         text for run in runs for text in (*(run.unreached_orders or ()), *((run.remark,) if run.remark else ()))
     )
     if not judged:
-        return PageVerdict("open", "▲", "Not judged", tuple(details))
+        return PageVerdict("open", "Not judged", tuple(details))
     acted = [run for run in judged if run.treatment != "none"] or judged
     worst = max(acted, key=lambda run: run.tip_peak_mm or 0.0)
     which = "" if len(acted) == 1 else f" at most ({run_name(worst, with_window=False)})"
     headline = f"Tip {millimetres(worst.tip_peak_mm, limit_mm)}{which}, allowed ≤ {limit_mm:g} mm"
     left = [run for run in acted if not run.within_spec]
     if len(judged) < len(runs):
-        return PageVerdict("open", "▲", f"{headline}; {len(runs) - len(judged)} of {len(runs)} not judged", tuple(details))
+        return PageVerdict("open", f"{headline}; {len(runs) - len(judged)} of {len(runs)} not judged", tuple(details))
     if not left and open_orders:
-        return PageVerdict("open", "▲", f"{headline}; not every order was judged", tuple(details))
+        return PageVerdict("open", f"{headline}; not every order was judged", tuple(details))
     if not left:
-        return PageVerdict("good", "✔", headline, tuple(details))
+        return PageVerdict("good", headline, tuple(details))
     if all(run.treatment == "none" for run in left):
-        return PageVerdict("open", "▲", f"{headline}, with no treatment", tuple(details))
-    return PageVerdict("bad", "✘", headline, tuple(details))
+        return PageVerdict("open", f"{headline}, with no treatment", tuple(details))
+    return PageVerdict("bad", headline, tuple(details))
 
 
 def _ramp_words(run: RunEntry) -> str:

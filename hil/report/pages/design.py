@@ -62,13 +62,11 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
         if outcome.is_usable and not outcome.request.is_given:
             headline = "The best filters within all margins do not meet the limits of the tip"
         said = () if failure.what.casefold() == headline.casefold() else (failure.what,)  # once is enough
-        return PageVerdict("bad", "✘", headline, (*said, *map(str, failure.missed)))
+        return PageVerdict("bad", headline, (*said, *map(str, failure.missed)))
     best = outcome.best
     which = "The given filters meet" if outcome.request.is_given else "The designed filters meet"
     details = tuple(str(check) for check in best.checks)
-    return PageVerdict(
-        "good", "✔", f"{which} all requirements, at every speed, for {plants_words(outcome.problem.members)}", details
-    )
+    return PageVerdict("good", f"{which} all requirements, at every speed, for {plants_words(outcome.problem.members)}", details)
 
 
 def cards(outcome: NotchDesignOutcome) -> list[Card]:

@@ -8,7 +8,7 @@ from hil.counting import axes_in_words
 from hil.recording import Recording
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.order_names import symbol
+from hil.report.order_names import BY_ORDER, symbol
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.report.tables.trial import trial_table
@@ -58,11 +58,7 @@ def estimates(result: LearningResult) -> ReportTable:
             amplitudes, phases = each.values.amplitudes_arcsec(), each.values.phases_deg()
             values = [number(column.get(order), "{:.3f}") for order in orders for column in (amplitudes, phases)]
             rows.append([f"axis {axis.axis}", str(index), *values, number(1e3 * each.set_point_delay_s, "{:.2f}")])
-    symbols = [
-        Markup("{} ({})").format(symbol(letter, order), unit)
-        for order in orders
-        for letter, unit in (("A", "arcsec"), ("φ", "°"))
-    ]
+    symbols = [Markup("{} ({})").format(symbol(letter, order), unit) for order in orders for letter, unit in BY_ORDER]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
         "Estimate of the correction that silences the tip, after each pass. The first estimate comes from the model file or a "
@@ -112,10 +108,10 @@ def verdict(result: LearningResult) -> PageVerdict:
     learnt += [f"Axis {each.axis}: {words}." for each in result.learnt for words in each.kept]
     learnt += [f"Left out: {words}." for each in result.learnt for words in each.left_out]
     if result.stopped is not None:
-        return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
+        return PageVerdict("stopped", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:
-        return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
-    return PageVerdict("good", "✔", f"The cancellation of {names} is learnt", tuple(learnt))
+        return PageVerdict("bad", "Not everything was learnt", (result.not_learnt, *learnt))
+    return PageVerdict("good", f"The cancellation of {names} is learnt", tuple(learnt))
 
 
 def cards(result: LearningResult) -> list[Card]:

@@ -76,11 +76,11 @@ def verdict(result: MotionLearningResult) -> PageVerdict:
     """Verdict at the top of the page."""
     left = [f"{each.words}." for each in result.parts if each.outcome != "learnt"]
     if result.stopped is not None:
-        return PageVerdict("bad", "■", "A run was stopped", (result.stopped,))
+        return PageVerdict("stopped", "A run was stopped", (result.stopped,))
     if result.not_learnt is not None:
-        return PageVerdict("bad", "✘", "Nothing is learnt", (result.not_learnt,))
+        return PageVerdict("bad", "Nothing is learnt", (result.not_learnt,))
     names = axes_in_words([each.axis for each in result.learnt])
-    return PageVerdict("good", "✔", f"The cancellation of {names} is learnt", (f"In the model file {result.model}.", *left))
+    return PageVerdict("good", f"The cancellation of {names} is learnt", (f"In the model file {result.model}.", *left))
 
 
 def cards(result: MotionLearningResult) -> list[Card]:

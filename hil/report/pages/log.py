@@ -40,11 +40,11 @@ def verdict(found: Explanation) -> PageVerdict:
     """Verdict at the top of the page."""
     faults = [each for each in found.findings if each.severity is Severity.FAULT]
     if faults:
-        return PageVerdict("bad", "✘", faults[0].words, tuple(each.words for each in faults[1:4]))
+        return PageVerdict("bad", faults[0].words, tuple(each.words for each in faults[1:4]))
     if found.findings:
-        return PageVerdict("open", "▲", "No fault, but warnings", tuple(each.words for each in found.findings[:3]))
+        return PageVerdict("open", "No fault, but warnings", tuple(each.words for each in found.findings[:3]))
     missing = tuple(each.words for each in found.unknown[:3])
-    return PageVerdict("open" if missing else "good", "▲" if missing else "✔", "No fault found", missing)
+    return PageVerdict("open" if missing else "good", "No fault found", missing)
 
 
 def _table(findings: tuple[Finding, ...]) -> ReportTable:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import jinja2
 from markupsafe import Markup, escape
@@ -82,14 +83,18 @@ class PageVerdict:
     """Verdict at the top of a page.
 
     Attributes:
-        kind: `good`, `bad` or `open`, which chooses the colour.
+        kind: Which chooses colour and sign; `stopped` has the colour of `bad`.
         details: Sentences below the headline.
     """
 
-    kind: str
-    sign: str
+    kind: Literal["good", "bad", "stopped", "open"]
     headline: str
     details: tuple[str, ...]
+
+    @property
+    def look(self) -> tuple[str, str]:
+        """Colour and sign."""
+        return {"good": ("good", "✔"), "bad": ("bad", "✘"), "stopped": ("bad", "■"), "open": ("open", "▲")}[self.kind]
 
 
 @dataclass(frozen=True)

@@ -71,10 +71,10 @@ def verdict(trends: Sequence[Trend]) -> PageVerdict:
         f"{robot}, axis {axis}: {FEWEST_BEFORE + 1} runs are needed before a change can show" for robot, axis in sorted(open_)
     ]
     if alarmed:
-        return PageVerdict("bad", "✘", "A gear has changed", (*alarmed, *details))
+        return PageVerdict("bad", "A gear has changed", (*alarmed, *details))
     if not trends or open_:
-        return PageVerdict("open", "▲", "No change is found, but some gears have too few runs", tuple(details))
-    return PageVerdict("good", "✔", "No gear has changed", ())
+        return PageVerdict("open", "No change is found, but some gears have too few runs", tuple(details))
+    return PageVerdict("good", "No gear has changed", ())
 
 
 def table(trends: Sequence[Trend]) -> ReportTable:

@@ -40,15 +40,15 @@ def verdict(result: PlantResult) -> PageVerdict:
     """Verdict at the top of the page."""
     remarks, parameters = result.remarks, result.parameters
     if result.stopped is not None:
-        return PageVerdict("bad", "■", "The run was stopped", (result.stopped, *remarks))
+        return PageVerdict("stopped", "The run was stopped", (result.stopped, *remarks))
     if parameters is None:
-        return PageVerdict("bad", "✘", "Not identified", (*(result.not_identified or ()), *remarks))
+        return PageVerdict("bad", "Not identified", (*(result.not_identified or ()), *remarks))
     f_a, stiffness = parameters["antiresonance_hz"], parameters["gear_stiffness_nm_rad"]
     headline = (
         f"f_a = {' ± '.join(value_and_error(f_a.value, f_a.standard_error))} Hz, "
         f"K_g = {' ± '.join(value_and_error(1e-3 * stiffness.value, 1e-3 * stiffness.standard_error))} kN·m/rad"
     )
-    return PageVerdict("good", "✔", headline, remarks)
+    return PageVerdict("good", headline, remarks)
 
 
 def provenance(result: PlantResult) -> list[tuple[str, str]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hil.bench.model import values_in_words
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import amplitude_key
 from hil.counting import counted
 from hil.recording import load_columns
 from hil.report import style
@@ -34,26 +34,8 @@ _SIGNAL: dict[Form, str] = {
 }
 
 
-class RecordedMaterial:
-    """Material of the page: the result, and the directory with the three curves beside it."""
-
-    def __init__(self, directory: Path, result: RecordedAteResult) -> None:
-        self.directory, self.result = directory, result
-
-    @property
-    def unit(self) -> str:
-        """Unit of map and fit."""
-        return SIGNAL_UNIT[self.result.form]
-
-    @property
-    def is_sensed(self) -> bool:
-        """True for a sensor behind the arm."""
-        return self.result.form != "two encoders"
-
-
 def page_of(directory: Path, result: RecordedAteResult) -> Page:
     """Return the page of a directory that `hil identify ate --recording` has filled."""
-    material = RecordedMaterial(directory, result)
     head = PageHead(
         f"{result.robot}, from recordings",
         result.started_utc,
@@ -61,32 +43,30 @@ def page_of(directory: Path, result: RecordedAteResult) -> Page:
         subtitle=f"From {counted(len(result.files), 'recording')} by {result.form}",
         is_bench=False,
     )
-    return Page(head, verdict(material), sections(material), provenance=provenance(material))
+    return Page(head, verdict(result), sections(directory, result), provenance=provenance(result))
 
 
-def sections(material: RecordedMaterial) -> list[Section]:
+def sections(directory: Path, result: RecordedAteResult) -> list[Section]:
     """All chapters for which there is data."""
     return filled_sections(
-        ("result", "Transmission error", (spectrum(material), orders(material))),
-        ("evidence", "Signal and fit", (fit(material), speed_map(material))),
-        ("change", "From part to part", (change(material), stretches(material))),
+        ("result", "Transmission error", (spectrum(directory, result), orders(result))),
+        ("evidence", "Signal and fit", (fit(directory, result), speed_map(directory, result))),
+        ("change", "From part to part", (change(result), stretches(result))),
     )
 
 
-def verdict(material: RecordedMaterial) -> PageVerdict:
+def verdict(result: RecordedAteResult) -> PageVerdict:
     """Verdict at the top of the page."""
-    result = material.result
     if result.ate is None or not result.is_identified:
-        return PageVerdict("bad", "✘", "No order exceeds its noise", (result.not_identified or "", *result.notes))
+        return PageVerdict("bad", "No order exceeds its noise", (result.not_identified or "", *result.notes))
     numbers = ", ".join(values_in_words(result.ate))
     if any(each.is_seen for each in result.changes):
-        return PageVerdict("open", "▲", "The transmission error is identified, and it changes", (numbers, *result.notes))
-    return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *result.notes))
+        return PageVerdict("open", "The transmission error is identified, and it changes", (numbers, *result.notes))
+    return PageVerdict("good", "The transmission error is identified", (numbers, *result.notes))
 
 
-def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
+def provenance(result: RecordedAteResult) -> list[tuple[str, str]]:
     """Recordings and versions."""
-    result = material.result
     lines = [("Robot", result.robot), ("Reduction ratio", f"{result.reduction_ratio:g}")]
     lines += [
         (
@@ -103,12 +83,12 @@ def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
     return lines
 
 
-def spectrum(material: RecordedMaterial) -> Drawing | None:
+def spectrum(directory: Path, result: RecordedAteResult) -> Drawing | None:
     """Figure of the blind scan with its floor and false-alarm level."""
-    entry = material.result.scan
+    entry = result.scan
     if entry is None:
         return None
-    curve, key = load_columns(material.directory / "scan.csv"), f"order-spectrum-axis{material.result.axis}"
+    curve, key = load_columns(directory / "scan.csv"), f"order-spectrum-axis{result.axis}"
     figure, panels = style.panels(1, 1, 3.0)
     panel = panels[0, 0]
     panel.plot(curve["order"], curve["amplitude"], label="amplitude", **style.MEASURED)
@@ -124,16 +104,16 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
     style.legend_above(figure, panel)
     caption = (
         "Amplitude of each order in a scan of all orders, each fitted by itself, together with the slow part"
-        f"{_THROUGH[material.is_sensed]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
+        f"{_THROUGH[_is_sensed(result)]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
         "alone reaches anywhere in the scan with the given probability. The side lobes of an order come from the small number "
         "of revolutions."
     )
-    return style.drawing(figure, key, f"Order spectrum of axis {material.result.axis}", caption)
+    return style.drawing(figure, key, f"Order spectrum of axis {result.axis}", caption)
 
 
-def speed_map(material: RecordedMaterial) -> Drawing | None:
+def speed_map(directory: Path, result: RecordedAteResult) -> Drawing | None:
     """Draw the amplitude over speed and order."""
-    table = load_columns(material.directory / "map.csv")
+    table = load_columns(directory / "map.csv")
     speeds = np.unique(table["speed_rps"])
     if len(speeds) < 3 or float(speeds[-1] - speeds[0]) < LEAST_SPEED_RANGE * float(speeds[-1]):
         return None
@@ -149,7 +129,7 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
     if len(centres) < 2:
         return None
     amplitude = np.sqrt(total[there] / count[there])
-    key = f"order-map-axis{material.result.axis}"
+    key = f"order-map-axis{result.axis}"
     levels = np.linspace(0.0, float(np.max(amplitude)), LEVELS + 1)
     figure, panels = style.panels(1, 1, 3.4)
     panel = panels[0, 0]
@@ -158,21 +138,21 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
     panel.set(xlim=(float(centres[0]), float(centres[-1])), ylim=(float(orders[0]), float(orders[-1])))
     panel.set_yticks(range(1, 11))
     panel.set(xlabel="Motor speed (rev/s)", ylabel="Order k (per motor revolution)")
-    draw_colour_scale(figure, panels, levels, f"Amplitude ({material.unit})", aspect=30)
+    draw_colour_scale(figure, panels, levels, f"Amplitude ({SIGNAL_UNIT[result.form]})", aspect=30)
     caption = (
         "Amplitude over motor speed and order, in windows of 2.5 revolutions. Ticks at the bottom: speeds with data; between "
         "them the colours are interpolated. An order of the gear stays at its height at every speed"
-        f"{', strongest where it passes the resonance of the arm' if material.is_sensed else ''}; a line of a fixed frequency "
+        f"{', strongest where it passes the resonance of the arm' if _is_sensed(result) else ''}; a line of a fixed frequency "
         "falls as the speed rises."
     )
-    return style.drawing(figure, key, f"Orders of axis {material.result.axis} over the speed", caption)
+    return style.drawing(figure, key, f"Orders of axis {result.axis} over the speed", caption)
 
 
-def fit(material: RecordedMaterial) -> Drawing | None:
+def fit(directory: Path, result: RecordedAteResult) -> Drawing | None:
     """Draw the longest stretch: signal, slow part, error and residual."""
-    if not material.result.stretches:
+    if not result.stretches:
         return None
-    columns = load_columns(material.directory / "fit.csv")
+    columns = load_columns(directory / "fit.csv")
     longest = max(np.unique(columns["stretch"]), key=lambda each: float(np.ptp(columns["turns"][columns["stretch"] == each])))
     rows = columns["stretch"] == longest
     turns = np.abs(columns["turns"][rows] - columns["turns"][rows][0])
@@ -180,35 +160,35 @@ def fit(material: RecordedMaterial) -> Drawing | None:
     shown = np.abs(turns - middle) <= 0.5 * DRAWN_TURNS
     whole, slow = columns["signal"][rows], columns["slow"][rows]
     error, rest = columns["error"][rows], columns["residual"][rows]
-    key = f"recorded-fit-axis{material.result.axis}"
+    key = f"recorded-fit-axis{result.axis}"
     figure, panels = style.panels(3, 1, 5.6, height_ratios=(4, 4, 2))
     level = float(np.mean(whole))
     panels[0, 0].plot(turns, whole - level, label="recorded", **style.MEASURED)
     panels[0, 0].plot(turns, slow - level, label="slow part", **style.MODEL)
     panels[1, 0].plot(turns[shown], (whole - slow)[shown], label="recorded − slow part", **style.BROAD)
     panels[1, 0].plot(turns[shown], error[shown], label="transmission error", **{**style.MODEL, "linestyle": "-"})
-    style.residual(panels[2, 0], turns[shown], rest[shown], material.unit, "recorded − fit")
+    style.residual(panels[2, 0], turns[shown], rest[shown], SIGNAL_UNIT[result.form], "recorded − fit")
     for panel in panels[:, 0]:
-        panel.set_ylabel(material.unit)
+        panel.set_ylabel(SIGNAL_UNIT[result.form])
         panel.margins(x=0.0)
     panels[2, 0].set_xlabel("Motor revolutions from the beginning of the stretch")
     style.legend_above(figure, panels[0, 0], panels[1, 0])
-    stretch = material.result.stretches[int(longest)]
+    stretch = result.stretches[int(longest)]
     caption = (
         f"{stretch.turns:.1f} revolutions of the motor {TURNS[stretch.direction]}, about {stretch.speed_rps:.1f} rev/s. Above: "
-        f"the {_SIGNAL[material.result.form]} with its slow part, a polynomial of degree {stretch.degree}, chosen by "
+        f"the {_SIGNAL[result.form]} with its slow part, a polynomial of degree {stretch.degree}, chosen by "
         "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual."
     )
-    return style.drawing(figure, key, f"The longest stretch of axis {material.result.axis}", caption, style.BOTH)
+    return style.drawing(figure, key, f"The longest stretch of axis {result.axis}", caption, style.BOTH)
 
 
-def change(material: RecordedMaterial) -> Drawing | None:
+def change(result: RecordedAteResult) -> Drawing | None:
     """Draw A_k and φ_k from part to part with two standard errors."""
-    parts, part = material.result.parts, material.result.ate
+    parts, part = result.parts, result.ate
     if len(parts) < 2 or part is None:
         return None
-    orders = _shown_orders(material)
-    key = f"change-axis{material.result.axis}"
+    orders = _shown_orders(result)
+    key = f"change-axis{result.axis}"
     figure, panels = style.panels(2, 1, 4.2, sharex=True)
     for place, order in enumerate(orders):
         look = {**style.AXIS_LINES[place % len(style.AXIS_LINES)], "linewidth": 0.9, "capsize": 2.0, "label": f"order {order:g}"}
@@ -222,7 +202,7 @@ def change(material: RecordedMaterial) -> Drawing | None:
     panels[0, 0].set_ylabel("A_k (arcsec)".replace("A_k", "$A_k$"))
     panels[1, 0].set_ylabel("$φ_k$ from its mean (°)")
     panels[1, 0].axhline(0.0, **style.MARK)
-    names = [f"{_file_name(material, each)}\n{each.from_s:.1f} … {each.to_s:.1f} s" for each in parts]
+    names = [f"{_file_name(result, each)}\n{each.from_s:.1f} … {each.to_s:.1f} s" for each in parts]
     panels[1, 0].set_xticks(
         range(len(parts)), names, fontsize=6.5 if len(parts) < 8 else 5.5, rotation=0 if len(parts) < 7 else 40
     )
@@ -231,40 +211,37 @@ def change(material: RecordedMaterial) -> Drawing | None:
         "Amplitudes and phases of the orders that exceed their noise, in parts of the stretches, with two standard errors. A "
         "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°."
     )
-    return style.drawing(figure, key, f"Transmission error of axis {material.result.axis}, part by part", caption)
+    return style.drawing(figure, key, f"Transmission error of axis {result.axis}, part by part", caption)
 
 
-def orders(material: RecordedMaterial) -> ReportTable | None:
+def orders(result: RecordedAteResult) -> ReportTable | None:
     """Table of A_k and φ_k with their standard errors."""
-    part = material.result.ate
+    part = result.ate
     if part is None:
         return None
     rows: list[list[Cell]] = []
-    amplitudes, phases = part.values.amplitudes_arcsec(), part.values.phases_deg()
-    changes = {each.order: each for each in material.result.changes}
-    for order in amplitudes:
-        for letter, values, name, unit in (("A", amplitudes, amplitude_key, "arcsec"), ("φ", phases, phase_key, "°")):
-            error = part.standard_error.get(name(order), 0.0)
-            value, width = value_and_error(values[order], error)
-            seen = changes.get(order)
-            words = "" if seen is None or letter == "A" else "changes" if seen.is_seen else "noise explains it"
-            rows.append([symbol(letter, order), unit, value, width, words])
+    changes = {each.order: each for each in result.changes}
+    for each in part.numbers():
+        seen = changes.get(each.order)
+        words = "" if seen is None or each.letter == "A" else "changes" if seen.is_seen else "noise explains it"
+        shown = value_and_error(each.value, each.error or 0.0)
+        rows.append([symbol(each.letter, each.order), each.unit, *shown, words])
     header = ("Parameter", "Unit", "Identified", "Standard error", "From part to part")
     caption = (
         "The standard error is that of the mean of all stretches; it includes the choice of the slow part and the "
         "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder."
     )
-    title = f"Transmission error of axis {material.result.axis}"
+    title = f"Transmission error of axis {result.axis}"
     return ReportTable("orders", title, header, rows, {0, 1, 4}, caption)
 
 
-def stretches(material: RecordedMaterial) -> ReportTable:
+def stretches(result: RecordedAteResult) -> ReportTable:
     """Table of the stretches."""
     rows: list[list[Cell]] = []
-    shown = _shown_orders(material)
-    for each in material.result.stretches:
+    shown = _shown_orders(result)
+    for each in result.stretches:
         cells: list[Cell] = [
-            _file_name(material, each), TURNS[each.direction], number(each.turns, "{:.1f}"), number(each.speed_rps, "{:.2f}"),
+            _file_name(result, each), TURNS[each.direction], number(each.turns, "{:.1f}"), number(each.speed_rps, "{:.2f}"),
             f"{each.from_s:.1f} … {each.to_s:.1f}", number(each.degree, "{:d}"),
         ]  # fmt: skip
         for order in shown:
@@ -272,15 +249,20 @@ def stretches(material: RecordedMaterial) -> ReportTable:
             cells += [" ± ".join(value_and_error(value.a_arcsec, value.a_error_arcsec))]
             cells += [" ± ".join(value_and_error(value.phi_deg, value.phi_error_deg))]
         rows.append(cells)
-    names = [f"{letter}_{order:g} ({unit})" for order in shown for _, letter, unit in BY_ORDER]
+    names = [f"{letter}_{order:g} ({unit})" for order in shown for letter, unit in BY_ORDER]
     header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree", *names)
     caption = "A stretch is a motion one way without a stop. Degree: that of the slow part."
     return ReportTable("stretches", "Stretches", header, rows, {0, 1}, caption)
 
 
-def _shown_orders(material: RecordedMaterial) -> list[float]:
+def _is_sensed(result: RecordedAteResult) -> bool:
+    """Return True for a sensor behind the arm."""
+    return result.form != "two encoders"
+
+
+def _shown_orders(result: RecordedAteResult) -> list[float]:
     """Return the four largest orders, above their noise if any is."""
-    part = material.result.ate
+    part = result.ate
     if part is None:
         return []
     amplitudes = part.values.amplitudes_arcsec()
@@ -295,5 +277,5 @@ def _of(stretch: RecordedStretch, order: float) -> OrderEntry:
     return next(each for each in stretch.values if each.order == order)
 
 
-def _file_name(material: RecordedMaterial, stretch: RecordedStretch) -> str:
-    return Path(material.result.files[stretch.file].path).name.split(".")[0]
+def _file_name(result: RecordedAteResult, stretch: RecordedStretch) -> str:
+    return Path(result.files[stretch.file].path).name.split(".")[0]

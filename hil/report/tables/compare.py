@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
+from hil.report.material import case_name
 from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate, with_error
 from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, TreatmentTable
 
@@ -15,11 +16,6 @@ TRIALS = {"accepted": True, "refused": False, "accepted in part": None}
 def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
     """Return experiments, each with axis or None, in their order."""
     return list(dict.fromkeys((row.experiment, row.axis) for robot in result.robots for row in robot.rows))
-
-
-def case_name(experiment: str, axis: int | None) -> str:
-    """Name of a case in words."""
-    return experiment.replace("-", " ") if axis is None else f"axis {axis}, {experiment.replace('-', ' ')}"
 
 
 def treatment_words(row: ComparisonRow | AxisCompliance) -> str:

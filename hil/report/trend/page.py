@@ -147,7 +147,7 @@ def verdict(gathered: GatheredRuns) -> PageVerdict:
         details.append(f"Runs outside the specification: {len(outside)}.")
     if gathered.left_out:
         details.append(f"Results that were not read: {len(gathered.left_out)}.")
-    return PageVerdict("open", "▲", f"{gathered.results} {several} with runs, {when}", tuple(details))
+    return PageVerdict("open", f"{gathered.results} {several} with runs, {when}", tuple(details))
 
 
 BESIDE = np.timedelta64(1, "D")

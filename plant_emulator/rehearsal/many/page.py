@@ -59,8 +59,8 @@ def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict
     judged = len(found) - len(open_)
     if failed:
         headline = f"{len(failed)} of {judged} claims {'do' if len(failed) > 1 else 'does'} not hold"
-        return PageVerdict("bad", "✘", headline, tuple(details))
-    return PageVerdict("good", "✔", f"All {judged} claims that could be judged hold", tuple(details))
+        return PageVerdict("bad", headline, tuple(details))
+    return PageVerdict("good", f"All {judged} claims that could be judged hold", tuple(details))
 
 
 def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:

@@ -3,19 +3,15 @@
 import itertools
 import random
 
-import can
-import can.util
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.can.bits import (
-    FD_LENGTHS,
     arbitration_key,
     crc15,
     crc_fd,
     duration_ns,
-    fd_bits,
     fd_head,
     fd_sent_bits,
     fd_stuffed_by,
@@ -25,6 +21,7 @@ from hil.can.bits import (
     worst_case_bits,
 )
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+from tests.oracles.can_fd import counted_fd, sent_by_fd
 
 STANDARD = st.integers(0, 0x7FF)
 EXTENDED = st.integers(0, 0x1FFF_FFFF).map(lambda i: i | CAN_EFF_FLAG)
@@ -207,104 +204,64 @@ def test_the_key_orders_frames_as_their_first_different_bit_does(one, other, one
 # --- CAN FD ---
 
 
-@pytest.mark.parametrize(("width", "check"), [(17, 0x04F03), (21, 0x0ED841)])
-def test_the_crcs_of_can_fd_are_those_of_the_published_check_values(width, check):
-    # CRC-17/CAN-FD, CRC-21/CAN-FD of the catalogue of parametrised CRC algorithms; they start at 0, the standard with a leading 1
-    assert crc_fd(int.from_bytes(b"123456789", "big"), 72, width, 0) == check
+def test_the_crc_of_can_fd_is_that_of_the_published_check_value():
+    # CRC-17/CAN-FD of the catalogue of parametrised CRC algorithms; it starts at 0, the standard with a leading 1
+    assert crc_fd(int.from_bytes(b"123456789", "big"), 72, 0) == 0x04F03
 
 
-def test_the_lengths_of_can_fd_are_those_of_python_can():
-    assert list(FD_LENGTHS) == can.util.CAN_FD_DLC
-    assert [can.util.len2dlc(length) for length in FD_LENGTHS] == list(range(16))
+def counted(can_id, data, is_extended=False):
+    """Bits at the slow and at the fast rate, with the intermission."""
+    known = fd_head(can_id, len(data), is_extended)
+    return known.bits + known.inserted - known.fast_bits, known.fast_bits + fd_stuffed_by(known, data)
 
 
 # sizes without stuff bits by contents, with intermission: header + data + CRC field + 9 + 3 of Linux' length.h
 LINUX_HEADER = {False: 22, True: 41}
-LINUX_CRC_FIELD = {17: 28, 21: 33}
+LINUX_CRC_FIELD = 28
 
 
 @pytest.mark.ci
-@given(st.integers(0, 0x7FF), st.sampled_from(FD_LENGTHS), st.booleans(), st.booleans(), st.data())
-def test_a_can_fd_frame_lies_between_the_least_and_the_most_that_linux_counts(can_id, length, is_extended, brs, draw):
+@given(st.integers(0, 0x7FF), st.integers(0, 8), st.booleans(), st.data())
+def test_a_can_fd_frame_lies_between_the_least_and_the_most_that_linux_counts(can_id, length, is_extended, draw):
     data = draw.draw(st.binary(min_size=length, max_size=length) | st.just(bytes(length)))
     stuffable = LINUX_HEADER[is_extended] + 8 * length
-    fixed = LINUX_CRC_FIELD[17 if length <= 16 else 21] + 9 + 3
-    assert stuffable + fixed <= sum(fd_bits(can_id, data, is_extended, brs)) <= stuffable + (stuffable - 1) // 4 + fixed
+    fixed = LINUX_CRC_FIELD + 9 + 3
+    assert stuffable + fixed <= sum(counted(can_id, data, is_extended)) <= stuffable + (stuffable - 1) // 4 + fixed
 
 
-@pytest.mark.parametrize("length", FD_LENGTHS)
+@pytest.mark.parametrize("length", range(9))
 def test_alternating_bits_need_no_stuff_bits_but_the_fixed_ones(length):
     # 555h after SOF 0 is 10101010101; RRS, IDE 00, FDF 1, res 0, BRS 1, ESI 0; only a DLC with a run of 5 could need one
-    bits = fd_bits(0x555, b"\x55" * length, False, True)
-    assert bits.nominal_bits == 17 + 12
-    assert bits.data_phase_bits == 5 + 8 * length + LINUX_CRC_FIELD[17 if length <= 16 else 21]
-
-
-def sent_by_fd(can_id, data, is_extended, brs):
-    """A CAN FD sender, bit by bit: (bit, whether in the data phase)."""
-    dlc = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64].index(len(data))
-    name = f"{can_id:029b}" if is_extended else f"{can_id:011b}"
-    slow = "0" + (name[:11] + "11" + name[11:] + "0" if is_extended else name + "00") + "10" + str(int(brs))
-    sent, run, count = [], 0, 0
-    payload = "0" + f"{dlc:04b}" + "".join(f"{byte:08b}" for byte in data)
-    for position, bit in enumerate(slow + payload):
-        if run == 5:  # before the next bit of the contents; so none follows the last
-            sent.append(("1" if sent[-1][0] == "0" else "0", position >= len(slow)))
-            run, count = 1, count + 1
-        run = run + 1 if sent and sent[-1][0] == bit else 1
-        sent.append((bit, position >= len(slow)))
-    sbc = {0: "0000", 1: "0011", 2: "0110", 3: "0101", 4: "1100", 5: "1111", 6: "1010", 7: "1001"}[count % 8]
-    width, taps = (17, (16, 14, 13, 11, 6, 4, 3, 1, 0)) if len(data) <= 16 else (21, (20, 13, 11, 7, 4, 3, 0))
-    register = {width - 1}  # the exponents that are set
-    for bit in [bit for bit, _ in sent] + list(sbc):
-        carry = (width - 1 in register) != (bit == "1")
-        register = {exponent + 1 for exponent in register if exponent + 1 < width}
-        register ^= set(taps) if carry else set()
-    checked = sbc + "".join("1" if exponent in register else "0" for exponent in reversed(range(width)))
-    for position, bit in enumerate(checked):
-        if position % 4 == 0:
-            sent.append(("1" if sent[-1][0] == "0" else "0", True))
-        sent.append((bit, True))
-    return sent
+    assert counted(0x555, b"\x55" * length) == (17 + 12, 5 + 8 * length + LINUX_CRC_FIELD)
 
 
 @pytest.mark.slow
 def test_5_000_random_can_fd_frames_are_what_a_second_implementation_sends():
     chance = random.Random(2015)
     for _ in range(5_000):
-        is_extended, brs = chance.random() < 0.5, chance.random() < 0.5
+        is_extended = chance.random() < 0.5
         can_id = chance.getrandbits(29 if is_extended else 11) & chance.choice([-1, 0x1F])
-        data = bytes(chance.choice([0, 255, chance.getrandbits(8)]) for _ in range(chance.choice(FD_LENGTHS[:12])))
-        expected = sent_by_fd(can_id, data, is_extended, brs)
-        fast = sum(phase for _, phase in expected) + 1 if brs else 0
-        assert fd_bits(can_id, data, is_extended, brs) == (len(expected) + 13 - fast, fast)
+        data = bytes(chance.choice([0, 255, chance.getrandbits(8)]) for _ in range(chance.randrange(9)))
+        assert counted(can_id, data, is_extended) == counted_fd(can_id, data, is_extended)
         if chance.random() < 0.02:
-            assert fd_sent_bits(can_id, data, is_extended, brs) == "".join(bit for bit, _ in expected)
+            assert fd_sent_bits(can_id, data, is_extended) == "".join(bit for bit, _ in sent_by_fd(can_id, data, is_extended))
+
+
+@given(st.integers(0, 0x7FF), DATA)
+def test_a_can_fd_frame_is_as_long_as_a_second_implementation_sends_it(can_id, data):
+    assert counted(can_id, data) == counted_fd(can_id, data)
 
 
 def test_the_empty_can_fd_frame_with_identifier_0_is_counted_by_hand():
     # 00000[1] 00000[1] 0000 | FDF 1 res 0 BRS 1 → SOF … IDE are 14 bits: stuff bits after 5 and, itself a 1, after the next 5
     # ESI, DLC 00000 end the contents: the bit that would follow them is the fixed one. 14 + 2 + 3 nominal, then 12 of the end.
-    assert fd_bits(0, b"", False, True) == (14 + 2 + 3 + 12, 5 + 28)
-    assert fd_bits(0, b"", False, False) == (14 + 2 + 3 + 12 + 5 + 28 + 1, 0)  # five dominant ones from res on
+    assert counted(0, b"") == (14 + 2 + 3 + 12, 5 + 28)
     assert fd_sent_bits(0, b"").startswith("000001000001000010100000" + "1" + "0110" + "1")
 
 
 @pytest.mark.parametrize(
     ("can_id", "data", "is_extended"), [(0x800, b"", False), (1 << 29, b"", True), (-1, b"", False), (1, bytes(9), False)]
 )
-def test_what_can_fd_cannot_send_has_no_length(can_id, data, is_extended):
-    with pytest.raises(ValueError, match=r"identifier|bytes"):
-        fd_bits(can_id, data, is_extended)
-
-
-@given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_a_short_fd_frame_counted_by_its_head_and_contents_is_as_long_as_counted_whole(can_id, data):
-    known, found = fd_head(can_id, len(data)), fd_bits(can_id, data)
-    fast = known.fast_bits + fd_stuffed_by(known, data)
-    assert (known.bits + known.inserted - known.fast_bits, fast) == found
-
-
-def test_the_head_of_a_longer_fd_frame_is_refused():
-    with pytest.raises(ValueError, match="expected at most 8"):
-        fd_head(0x181, 12)
+def test_what_a_can_fd_bus_does_not_send_has_no_length(can_id, data, is_extended):
+    with pytest.raises(ValueError, match=r"identifier|expected at most 8"):
+        counted(can_id, data, is_extended)

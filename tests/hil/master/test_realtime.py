@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from hil.bench.bench import RealTimeTable
 from hil.master import realtime
-from hil.master.realtime import Clock, RealTime, Settings, System, no_garbage_collection, quiet_garbage_collection
+from hil.master.realtime import Clock, RealTime, System, no_garbage_collection, quiet_garbage_collection
 
 
 class FakeSystem(System):
@@ -54,7 +55,7 @@ class FakeSystem(System):
         self._ask("slack", slack_ns)
 
 
-ALL = Settings(priority=70, cpus=(1,))
+ALL = RealTimeTable(priority=70, cpus=(1,))
 
 
 def test_everything_is_asked_for_and_undone_in_reverse() -> None:
@@ -79,7 +80,7 @@ def test_what_is_refused_is_said_with_its_remedy_and_not_undone() -> None:
 
 def test_what_is_not_wanted_is_not_asked_for() -> None:
     system = FakeSystem()
-    with RealTime(Settings(priority=0, cpus=(), lock_memory=False), system) as real_time:
+    with RealTime(RealTimeTable(priority=0, cpus=(), lock_memory=False), system) as real_time:
         assert [measure.name for measure in real_time.measures] == ["garbage collection", "timer slack"]
 
 
@@ -143,7 +144,7 @@ def test_the_real_system_is_left_as_it_was_whatever_it_grants() -> None:
     def work() -> None:
         system = System()
         before = state(system)
-        with RealTime(Settings(priority=1, cpus=(0,))) as real_time:
+        with RealTime(RealTimeTable(priority=1, cpus=(0,))) as real_time:
             seen.append({measure.name for measure in real_time.measures})
             for measure in real_time.measures:
                 if measure.is_granted and measure.name == "SCHED_FIFO":
@@ -157,7 +158,7 @@ def test_the_real_system_is_left_as_it_was_whatever_it_grants() -> None:
 
 
 def test_a_core_that_does_not_exist_is_refused_not_fatal() -> None:
-    with RealTime(Settings(priority=0, cpus=(4000,), lock_memory=False)) as real_time:
+    with RealTime(RealTimeTable(priority=0, cpus=(4000,), lock_memory=False)) as real_time:
         assert [m.name for m in real_time.measures if not m.is_granted] == ["CPU affinity"]
 
 

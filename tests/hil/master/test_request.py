@@ -8,9 +8,10 @@ import pytest
 from drive_profiles.family.profile import Profile
 from hil.bench.bench import load_bench
 from hil.control.notch import FixedFilter
+from hil.control.treatments import LoopName
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive.axis import DriveAxis
-from hil.master.motion import FilterUse, LoopName, Motion
+from hil.master.motion import FilterUse, Motion
 from hil.master.request import RunRequest, check_motion
 
 BENCH = load_bench("reference")

@@ -20,14 +20,17 @@ from hil.control.servo_bank import ServoBank
 from hil.core.library import CORE
 from hil.master.cyclic import FEEDBACK, FILTER_STATE, CyclicExchange
 from hil.master.motion import Motion
-from hil.master.run import ADDED_UP_TO, Run, RunLimits, RunStopError
+from hil.master.run import ADDED_UP_TO, Run, RunStopError
 from tests.oracles import run as specification
 from tests.oracles.guard import Guard
 
 PERIOD_S = 0.002
 BENCH = load_bench("reference")
 TABLE = BENCH.axis[2]
-LIMITS = RunLimits(settle_s=0.1, approach_rps=1.0, missing_limit=3)
+MISSING_LIMIT = 3
+QUICK = BENCH.model_copy(
+    update={"settle_s": 0.1, "approach_rps": 1.0, "bus": BENCH.bus.model_copy(update={"missing_limit": MISSING_LIMIT})}
+)
 SCALINGS = (
     Scaling(131072, 1.27),
     Scaling(4096, 0.5, polarity=POSITION_REVERSED),
@@ -69,7 +72,7 @@ class Rig:
         )
         times = PERIOD_S * np.arange(rows)
         motion = Motion((2, 3, 4), times, np.zeros((rows, COUNT)), starts_at_home=True, torque_offset_nm=torque_offset_nm)
-        self.run = Run(motion, axes, self.exchange, LIMITS, supervisor, [0.0] * COUNT, adder=adder, bank=bank)
+        self.run = Run(motion, axes, self.exchange, QUICK, supervisor, [0.0] * COUNT, adder=adder, bank=bank)
 
     def bring(self):
         refused = CORE.call.begin_cycle(self.run.data, self.exchange.stretch)
@@ -171,7 +174,7 @@ ANSWERS = st.one_of(
 def test_a_cycle_checks_and_records_as_its_specification(loop, cycles):
     bank, other = (ServoBank(CONFIGS, PERIOD_S) if loop == "host" else None for _ in range(2))
     rig = Rig(bank=bank)
-    guards, trusted = [Guard(TABLE, LIMITS.missing_limit, PERIOD_S) for _ in SCALINGS], [0] * COUNT
+    guards, trusted = [Guard(TABLE, MISSING_LIMIT, PERIOD_S) for _ in SCALINGS], [0] * COUNT
     axes = [SimpleNamespace(status_word=0, position_counts=0, torque_per_mille=0, notch_hz=0.0, missing=0) for _ in SCALINGS]
     for number, (*answers, reference, is_dropped) in enumerate(cycles):
         references = [reference * (n + 1) for n in range(COUNT)]

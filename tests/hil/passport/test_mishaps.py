@@ -102,9 +102,9 @@ def test_a_run_with_a_date_that_cannot_be_is_left_out_and_named(tmp_path: Path):
 def test_texts_of_a_run_are_bounded(tmp_path: Path):
     model(tmp_path, error(note="x" * 5000))
     done = called(tmp_path)
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 3, done.output
     assert "the limits are 4000 and 200" in done.stderr
-    assert "0 new runs" in done.stderr
+    assert "no identified transmission error" in done.stderr
 
 
 def test_two_robots_in_one_file_are_two_gears(tmp_path: Path):

@@ -11,7 +11,6 @@ from hil.bench.model import Identified, IdentifiedError
 from hil.cli.main import app
 from hil.passport.gather import gather
 from hil.passport.store import OrderLine, PassportFileError, PassportRun, add, read
-from hil.passport.watch import trends
 from hil.results.learning import LearningResult, LearntAxis
 from hil.results.recorded_ate import RecordedAteResult
 from hil.robot_tables import TransmissionErrorTable
@@ -150,11 +149,18 @@ def test_what_is_no_date_or_number_is_a_mistake_of_usage(tmp_path: Path, words):
     assert called(tmp_path, *words).exit_code == 2
 
 
-def test_a_folder_without_identifications_makes_an_empty_passport(tmp_path: Path):
-    done = called(tmp_path)
-    assert done.exit_code == 0, done.output
-    assert "0 new runs, 0 in all" in done.output
-    assert trends(read(tmp_path / "passport.sqlite"), {}) == []
+def test_a_folder_without_identifications_is_refused_and_nothing_is_written(tmp_path: Path):
+    for _ in range(2):
+        done = called(tmp_path)
+        assert done.exit_code == 3, done.output
+        assert f"no identified transmission error below {tmp_path}" in done.stderr
+        assert "run one of these, or name its folder" in done.stderr
+        assert list(tmp_path.iterdir()) == []
+    add(tmp_path / "passport.sqlite", [])
+    assert called(tmp_path).exit_code == 3, "a passport without a run is none either"
+    assert not (tmp_path / "passport.html").exists()
+    add(tmp_path / "passport.sqlite", [PassportRun("h", "arm", 2, "2026-01-01T00:00:00+00:00", "identify", "")])
+    assert called(tmp_path).exit_code == 0, "without new runs it shows those that it has"
 
 
 def test_what_was_identified_from_a_recording_is_kept_too(tmp_path: Path):

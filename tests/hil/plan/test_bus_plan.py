@@ -9,13 +9,16 @@ Area Network (CAN) schedulability analysis: Refuted, revisited and revised", Rea
 import math
 import random
 
+import can
+import can.util
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.bench.bench import load_bench
-from hil.can.bits import FD_LENGTHS, fd_bits
+from hil.can.bits import frame_bits
+from hil.can.frame import Frame
 from hil.errors import NotPossibleError
 from hil.experiments.motions import constant_acceleration
 from hil.master.session import Session
@@ -23,11 +26,12 @@ from hil.plan import advice as bus_advice
 from hil.plan.bus_plan import Background, Cycle, CyclicFrame
 from hil.plan.check import check, is_ideal, plan_cycle, stability
 from hil.plan.response_time import Message, response_ns
-from hil.plan.wire import WireTiming, fd_worst_bits
+from hil.plan.wire import FD_LENGTHS, WireTiming, fd_worst_bits
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
+from tests.oracles.can_fd import counted_fd
 
 MEGABIT = WireTiming(1_000_000)
 BENCH = load_bench("reference")
@@ -170,8 +174,8 @@ cycles = st.builds(cycle_of, st.integers(1, 6), sizes, sizes, sensor=st.sampled_
 @settings(max_examples=50)
 def test_bits_are_nominal_typical_worst_in_that_order(cycle):
     assert cycle.nominal_bits <= cycle.typical_bits <= cycle.worst_bits
-    contents = {frame.can_id: b"\x00" * frame.length for frame in cycle.frames}
-    assert cycle.nominal_bits <= cycle.actual_bits(contents) <= cycle.worst_bits
+    zeros = sum(frame_bits(Frame(frame.can_id, bytes(frame.length))) for frame in cycle.frames)
+    assert cycle.nominal_bits <= zeros <= cycle.worst_bits
 
 
 @given(cycles, st.sampled_from((125_000, 250_000, 500_000)))
@@ -216,14 +220,18 @@ def test_nothing_arrives_sooner_than_it_lasts_and_company_makes_nothing_faster(c
 
 @given(st.sampled_from(FD_LENGTHS), st.integers(0, 0x7FF), st.data())
 def test_no_fd_frame_is_longer_than_the_worst(length, can_id, data):
-    found = fd_bits(can_id, data.draw(st.binary(min_size=length, max_size=length)))
-    slow, fast = fd_worst_bits(length)
-    assert found.nominal_bits <= slow
-    assert found.data_phase_bits <= fast
+    slow, fast = counted_fd(can_id, data.draw(st.binary(min_size=length, max_size=length)))
+    worst_slow, worst_fast = fd_worst_bits(length)
+    assert slow <= worst_slow
+    assert fast <= worst_fast
+
+
+def test_the_lengths_of_can_fd_are_those_of_python_can():
+    assert list(FD_LENGTHS) == can.util.CAN_FD_DLC
 
 
 def test_worst_contents_of_an_fd_frame_come_close():
-    found, (slow, fast) = fd_bits(0, bytes(8)), fd_worst_bits(8)
+    found, (slow, fast) = counted_fd(0, bytes(8)), fd_worst_bits(8)
     assert slow + fast - sum(found) <= 20
     with pytest.raises(ValueError, match="65"):
         fd_worst_bits(65)

@@ -119,7 +119,7 @@ def test_it_prints_on_numbered_pages(browser, page, tmp_path):
 def test_names_of_a_table_keep_their_subscripts_on_a_telephone_only(browser, tmp_path):
     orders = ReportTable("orders", "Orders", ("Axis", "f_al (Hz)", "Peak (mm)"), [["2", "11.8", "0.07"]])
     head = PageHead("reference", "2026-11-26T16:00:00Z", heading="Orders")
-    content = Page(head, PageVerdict("good", "✔", "Orders", ()), [Section("orders", "Orders", (orders,))])
+    content = Page(head, PageVerdict("good", "Orders", ()), [Section("orders", "Orders", (orders,))])
     page = render(tmp_path / "page.html", content)
     shown = "getComputedStyle(document.querySelector('td .name')).display"
     browser.open(page)

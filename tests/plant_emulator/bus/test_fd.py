@@ -7,10 +7,11 @@ from fractions import Fraction
 
 import pytest
 
-from hil.can.bits import arbitration_key, fd_bits, frame_bits
+from hil.can.bits import arbitration_key, frame_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_RTR_FLAG, Frame
 from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.wire import EmulatedWire
+from tests.oracles.can_fd import counted_fd
 
 MEGABIT = 1_000_000
 
@@ -47,11 +48,11 @@ def test_a_fd_bus_takes_its_times_from_the_counted_bits(rates):
     for before, after in itertools.pairwise(delivered):
         can_id, data = before.frame
         long = bool(can_id & CAN_EFF_FLAG)
-        nominal, fast = fd_bits(can_id & 0x1FFF_FFFF, data, long)
+        nominal, fast = counted_fd(can_id & 0x1FFF_FFFF, data, long)
         exact_ns = nominal * Fraction(10**9, rates[0]) + fast * Fraction(10**9, rates[1])
         assert after.start_ns - before.start_ns == math.ceil(exact_ns)
     assert wire.statistics.bits == sum(
-        sum(fd_bits(f.can_id & 0x1FFF_FFFF, f.data, bool(f.can_id & CAN_EFF_FLAG))) for f in frames
+        sum(counted_fd(f.can_id & 0x1FFF_FFFF, f.data, bool(f.can_id & CAN_EFF_FLAG))) for f in frames
     )
 
 

@@ -37,7 +37,7 @@ def small(path, *, is_interactive):
         style.plot_thin(panels[0, 0], x, np.sin(90.0 * x), label="</script>", **style.WITH)
         svg = style.to_svg(figure, "one", is_zoomable=True)
     drawing = style.Drawing("one", "A figure", "", "measured", "Words.", svg)
-    verdict = PageVerdict("good", "✔", "Well", ())
+    verdict = PageVerdict("good", "Well", ())
     render(path, Page(PageHead("bench"), verdict, [Section("all", "All", (drawing,))]), is_interactive=is_interactive)
     return path.read_text(encoding="utf-8")
 

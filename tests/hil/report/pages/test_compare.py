@@ -1,12 +1,13 @@
 """The page of a comparison: what stands in it, and what it says where something is missing."""
 
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
 from hil.report.material import Material
 from hil.report.pages import demo as page
-from hil.report.pages.compare import OVERLAID, verdict
+from hil.report.pages.compare import MAPPED, OVERLAID, ComparedMotion, verdict
 from hil.report.pages.page import typeset
 from hil.report.writer import write_report_of
 from hil.results.comparison import ComplianceFactors, TourNotch
@@ -113,6 +114,14 @@ def test_many_treatments_have_a_diagram_each(directory, tmp_path):
     assert len(rows) > OVERLAID
     text = write_report_of(written(tmp_path, comparison(robot(rows)))).read_text()
     assert "Orange, behind each" in text
+
+
+def test_order_maps_of_many_treatments_are_parts_with_titles_of_their_own(monkeypatch):
+    monkeypatch.setattr("hil.report.pages.compare.order_maps", lambda key, title, *_: (key, title))
+    motion = ComparedMotion(robot(ROWS), SimpleNamespace(f_al=lambda axis: None), *RAMP, several=False)
+    vars(motion)["runs"] = [(None, SimpleNamespace(label=str(number), recording=None)) for number in range(MAPPED + 1)]
+    title = "Axis 2: which order shakes the tip"
+    assert [each for _, each in motion.orders()] == [title, f"{title}, part 2"]
 
 
 def demo_with(told, full_directory, tmp_path):
