@@ -8,33 +8,21 @@
 #define HIL_RAMP_H
 
 #include "hil/control/servo.h"
+#include "hil/control/waves.h"
 
 /* The plant over one period of the law, from v = (theta_m, w_m, theta_l, w_l, torque, theta_sync, change of theta_sync). */
 struct ramp_plant {
     real ratio;      /* N */
-    real step[4][7]; /* the first four of v one period later */
+    real step[7][4]; /* what each of v counts in the first four of it one period later */
     real arm[7];     /* acceleration of the arm */
 };
 
-/* One order of the error. */
-struct harmonic {
-    real order;    /* k */
-    real cosine;   /* A_k cos phi_k in rad */
-    real sine;     /* A_k sin phi_k in rad */
-    real multiple; /* k as a multiple of what all are multiples of; 0 where there is nothing of the kind */
-};
-
-/* Error theta_sync = sum A_k cos(k theta_m + phi_k); slope becomes its derivative by theta_m.
- *
- * Where all orders are multiples of one, cos k theta_m and sin k theta_m come from its own by turning on: one sine instead of
- * all. */
-real wave_sum(const struct harmonic *harmonics, integer count, real angle, real *slope);
-
 /* Run law and plant sample by sample; every every-th sample is recorded.
  *
- * friction_nm acts against the motor throughout, gravity_nm too, through the gear: the error's slope modulates it. The law holds
- * both from the beginning. waiting holds the delay torques that have been computed and do not act yet. reference is theta_ref in
- * rad, samples of it. speed_rps and arm_acceleration become a number for every every-th sample. */
+ * harmonics are the orders of the error theta_sync. friction_nm acts against the motor throughout, gravity_nm too, through the
+ * gear: the error's slope modulates it. The law holds both from the beginning. waiting holds the delay torques that have been
+ * computed and do not act yet. reference is theta_ref in rad, samples of it. speed_rps and arm_acceleration become a number for
+ * every every-th sample. */
 void ramp_run(
     const struct ramp_plant *plant, const struct harmonic *harmonics, integer orders, struct law *law, real period_s,
     real friction_nm, real gravity_nm, real *waiting, integer delay, integer every, const real *reference, integer samples,

@@ -9,7 +9,6 @@ on which it will be judged.
 
 import math
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
@@ -25,10 +24,6 @@ Real = NDArray[np.float64]
 
 SAMPLE_S = 0.002
 """Time between two samples of the result: 500 Hz shows vibrations up to 25 Hz with ease."""
-MAX_PARTS = 20
-"""Orders are looked for among fractions with denominators up to this."""
-MAX_MULTIPLE = 40.0
-"""Most turnings on from the first to the highest order; more take as long as sines."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +97,8 @@ def follow(
     reference = np.array(reference_rad, dtype=np.float64)
     plant, law = np.zeros(1, CORE.dtype("ramp_plant")), np.zeros(1, LAW)
     plant["ratio"] = loop.plant.reduction_ratio
-    plant["step"][0], plant["arm"][0] = _discrete(loop.plant, loop.period_s)
+    step, plant["arm"][0] = _discrete(loop.plant, loop.period_s)
+    plant["step"][0] = step.T
     ServoConfig(loop.cascade, math.inf, tuple(loop.notches)).write(law[0])
     speed, acceleration = np.zeros((2, -(-len(reference) // every)))
     waiting, harmonics = np.full(loop.delay_samples, sum(load_nm)), _harmonics(error)
@@ -115,20 +111,9 @@ def follow(
 
 
 def _harmonics(error: TransmissionError) -> NDArray[np.void]:
-    """Orders of an error as `struct harmonic`; shape (orders,).
-
-    `multiple` is 0 where there is nothing of the kind, or only what would take longer than sines.
-    """
-    orders = sorted(error.amplitude_arcsec)
-    size = np.array([error.amplitude_arcsec[k] * ARCSEC for k in orders])
-    phase = np.array([math.radians(error.phase_deg[k]) for k in orders])
-    parts = [Fraction(k).limit_denominator(MAX_PARTS) for k in orders]
-    whole = math.lcm(*(part.denominator for part in parts))
-    multiples = np.array([float(part * whole) for part in parts])
-    exact = all(abs(float(part) - k) <= 1e-12 * k for part, k in zip(parts, orders, strict=True))
-    if not exact or multiples.max(initial=0.0) > MAX_MULTIPLE:
-        multiples[:] = 0.0
-    found = np.zeros(len(orders), CORE.dtype("harmonic"))
-    found["order"], found["multiple"] = orders, multiples
-    found["cosine"], found["sine"] = size * np.cos(phase), size * np.sin(phase)
+    """Orders of an error as `struct harmonic`; shape (orders,)."""
+    found = np.zeros(len(error.amplitude_arcsec), CORE.dtype("harmonic"))
+    for row, (order, size) in zip(found, sorted(error.amplitude_arcsec.items()), strict=True):
+        phase = math.radians(error.phase_deg[order])
+        row["order"], row["cosine"], row["sine"] = order, size * ARCSEC * math.cos(phase), size * ARCSEC * math.sin(phase)
     return found

@@ -46,11 +46,11 @@ class CoupledArm:
         count = len(arm.link)
         self.rows, self.order = rows, [numbers.index(number) for number in arm.axes]
         self.links = link_rows(arm, numbers)
-        self.joints = np.zeros(count, CORE.dtype("constants"))
-        for joint, row in zip(self.joints, self.order, strict=True):
-            CORE.call.joint_constants(CORE.pointer(rows["plant"][row], "plant"), CORE.pointer(joint, "constants"))
-        near, stages = np.zeros(count, CORE.dtype("grid_point")), np.zeros((CORE.call.PLANES, count), CORE.dtype("axis_state"))
-        near["motor"] = np.inf
+        self.joints, near = np.zeros(count, CORE.dtype("constants")), np.zeros(count, CORE.dtype("grid_point"))
+        for joint, row in enumerate(self.order):
+            of = CORE.pointer(self.joints[joint], "constants"), CORE.pointer(near[joint], "grid_point")
+            CORE.call.joint_constants(CORE.pointer(rows["plant"][row], "plant"), *of)
+        stages = np.zeros((CORE.call.PLANES, count), CORE.dtype("axis_state"))
         self._turning = np.zeros((CORE.call.JOINT_ROWS, count))
         self._tool, self.moved = tool_rows(arm), np.zeros((ROWS, 3))
         self._sensor, self._felt = sensor_rows(arm, mounting), np.zeros((1, 3))

@@ -303,7 +303,7 @@ void advance_arm(
             draw_noise(&axis->encoder);
             if (axis->change.is_changing > 0.0) {
                 age(axis, period_s);
-                take_error(&joints->joints[i], &axis->plant, &joints->near[i]);
+                take_error(&axis->plant, &joints->joints[i], &joints->near[i]);
             }
         }
         if (period >= first) {

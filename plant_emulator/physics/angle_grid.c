@@ -1,6 +1,11 @@
 #include "angle_grid.h"
 
-void find_constants(const struct plant *plant, struct constants *constants)
+static struct harmonic wave(real order, real size, real phase)
+{
+    return (struct harmonic){order, size * COS(phase), size * SIN(phase)};
+}
+
+void find_constants(const struct plant *plant, struct constants *constants, struct grid_point *near)
 {
     const struct plant *p = plant;
     struct constants *k = constants;
@@ -14,55 +19,35 @@ void find_constants(const struct plant *plant, struct constants *constants)
     k->coulomb_friction = p->coulomb_friction_nm;
     k->friction_rise = p->static_friction_nm - p->coulomb_friction_nm;
     k->per_stribeck_velocity = 1.0 / p->stribeck_velocity_rad_s;
-    k->gravity_moment = p->gravity_moment_nm;
-    k->home_angle = p->home_angle_rad;
     k->gear_reaction = p->gear_reaction;
     k->wind_up_softness = p->wind_up_softness;
-    k->wind_up_torsion = p->wind_up_torsion_rad;
+    k->per_wind_up_torsion = 1.0 / p->wind_up_torsion_rad;
     k->hysteresis_torque = p->hysteresis_torque_nm;
-    k->hysteresis_torsion = p->hysteresis_torsion_rad;
+    k->per_hysteresis_torsion = 1.0 / p->hysteresis_torsion_rad;
     k->current_time_constant = p->current_time_constant_s;
-    k->a1_cos = p->a1_rad * COS(p->phi1_rad);
-    k->a1_sin = p->a1_rad * SIN(p->phi1_rad);
-    k->a2_cos = p->a2_rad * COS(p->phi2_rad);
-    k->a2_sin = p->a2_rad * SIN(p->phi2_rad);
-    k->a4_cos = p->a4_rad * COS(p->phi4_rad);
-    k->a4_sin = p->a4_rad * SIN(p->phi4_rad);
-    k->has_more_orders = p->has_more_orders;
-    k->is_eccentric = p->is_eccentric;
-    k->is_cogging = p->is_cogging;
-    for (int i = 0; i < MORE_LINES; i++) {
-        k->more_orders[i] = p->more_orders[i];
-        k->more_rad[i] = p->more_rad[i];
-        k->more_phi[i] = p->more_phi_rad[i];
-        k->joint_orders[i] = p->joint_orders[i];
-        k->joint_rad[i] = p->joint_rad[i];
-        k->joint_phi[i] = p->joint_phi_rad[i];
-        k->cogging_orders[i] = p->cogging_orders[i];
-        k->cogging_nm[i] = p->cogging_nm[i];
-        k->cogging_phi[i] = p->cogging_phi_rad[i];
+    k->gravity = wave(1.0, p->gravity_moment_nm, p->home_angle_rad);
+    k->cogging_lines = p->is_cogging > 0.0 ? MORE_LINES : 0;
+    for (int i = 0; i < k->cogging_lines; i++) {
+        k->cogging[i] = wave(p->cogging_orders[i], p->cogging_nm[i], p->cogging_phi_rad[i]);
     }
+    begin_waves(&k->gravity, 1, &near->gravity);
+    begin_waves(k->cogging, k->cogging_lines, &near->cogging);
+    take_error(p, k, near);
 }
 
-/* Put what an order counts; the factor is a power of two, so that no digit of the slope is lost. */
-static void put_order(struct grid_point *near, int row, real order, real x, real y)
+void take_error(const struct plant *plant, struct constants *constants, struct grid_point *near)
 {
-    near->of_cosine[row][0] = x;
-    near->of_cosine[row][1] = -order * y;
-    near->of_sine[row][0] = -y;
-    near->of_sine[row][1] = -order * x;
-}
-
-void find_grid_point(const struct constants *k, real motor, real arm, struct grid_point *near)
-{
-    const real cosine = COS(motor), sine = SIN(motor);
-    const real cosine2 = 1.0 - 2.0 * sine * sine, sine2 = 2.0 * sine * cosine;
-    const real cosine4 = 1.0 - 2.0 * sine2 * sine2, sine4 = 2.0 * sine2 * cosine2;
-    near->motor = motor;
-    put_order(near, 0, 1.0, k->a1_cos * cosine - k->a1_sin * sine, k->a1_sin * cosine + k->a1_cos * sine);
-    put_order(near, 1, 2.0, k->a2_cos * cosine2 - k->a2_sin * sine2, k->a2_sin * cosine2 + k->a2_cos * sine2);
-    put_order(near, 2, 4.0, k->a4_cos * cosine4 - k->a4_sin * sine4, k->a4_sin * cosine4 + k->a4_cos * sine4);
-    near->arm = arm;
-    near->gravity_cos = k->gravity_moment * COS(arm);
-    near->gravity_sin = k->gravity_moment * SIN(arm);
+    const struct plant *p = plant;
+    struct harmonic *line = constants->error;
+    *line++ = wave(1.0, p->a1_rad, p->phi1_rad);
+    *line++ = wave(2.0, p->a2_rad, p->phi2_rad);
+    *line++ = wave(4.0, p->a4_rad, p->phi4_rad);
+    for (int i = 0; i < MORE_LINES && p->has_more_orders > 0.0; i++) {
+        *line++ = wave(p->more_orders[i], p->more_rad[i], p->more_phi_rad[i]);
+    }
+    for (int i = 0; i < MORE_LINES && p->is_eccentric > 0.0; i++) {
+        *line++ = wave(p->joint_orders[i], p->joint_rad[i], p->joint_phi_rad[i]);
+    }
+    constants->lines = line - constants->error;
+    begin_waves(constants->error, constants->lines, &near->error);
 }

@@ -1,37 +1,12 @@
 #include "flexible.h"
 
-void joint_constants(const struct plant *plant, struct constants *joint)
+void joint_constants(const struct plant *plant, struct constants *joint, struct grid_point *near)
 {
     struct plant own = *plant;
     own.arm_inertia_kg_m2 = 1.0;
     own.gravity_moment_nm = 0.0;
     own.home_angle_rad = 0.0;
-    find_constants(&own, joint);
-}
-
-void take_error(struct constants *joint, const struct plant *plant, struct grid_point *near)
-{
-    const struct plant *p = plant;
-    joint->a1_cos = p->a1_rad * COS(p->phi1_rad);
-    joint->a1_sin = p->a1_rad * SIN(p->phi1_rad);
-    joint->a2_cos = p->a2_rad * COS(p->phi2_rad);
-    joint->a2_sin = p->a2_rad * SIN(p->phi2_rad);
-    joint->a4_cos = p->a4_rad * COS(p->phi4_rad);
-    joint->a4_sin = p->a4_rad * SIN(p->phi4_rad);
-    for (int i = 0; i < MORE_LINES; i++) {
-        joint->more_rad[i] = p->more_rad[i];
-        joint->more_phi[i] = p->more_phi_rad[i];
-    }
-    near->motor = (real)INFINITY;
-}
-
-/* Make the grid point of every joint the one nearest to its state. */
-static void find_all_near(const struct flexible *arm)
-{
-    for (integer i = 0; i < arm->count; i++) {
-        const struct axis_state *x = &arm->stages[STATE * arm->count + i];
-        move_near(&arm->joints[i], x->theta_m, x->theta_l, &arm->near[i]);
-    }
+    find_constants(&own, joint, near);
 }
 
 /* Plane to = plane first + weight * plane second. */
@@ -49,7 +24,8 @@ static void add_planes(const struct flexible *arm, int to, int first, int second
     }
 }
 
-void flexible_rates(const struct flexible *arm, int plane)
+/* The rates of all states of plane STATE or STAGE, written to SLOPE; part: see find_pose. */
+static void flexible_rates(const struct flexible *arm, int plane, real part)
 {
     const integer count = arm->count;
     real *angles = arm->turning + JOINT_ANGLE * count, *speeds = arm->turning + JOINT_SPEED * count;
@@ -59,7 +35,7 @@ void flexible_rates(const struct flexible *arm, int plane)
         struct axis_state *slope = &arm->stages[SLOPE * count + i];
         struct pose pose;
         pair speed_rates, lag_rates;
-        find_pose(&arm->joints[i], &arm->near[i], x->theta_m, x->theta_l, &pose);
+        find_pose(&arm->joints[i], x->theta_m, x->theta_l, part, &arm->near[i], &pose);
         rates(
             &arm->joints[i], &pose, arm->commands[i], arm->brakes[i] > 0.0, pair_at(&x->w_m), pair_at(&x->z), &speed_rates,
             &lag_rates);
@@ -86,11 +62,10 @@ void flexible_period(const struct flexible *arm, real period_s, integer substeps
         }
     }
     for (integer step = 0; step < substeps; step++) {
-        find_all_near(arm);
         add_planes(arm, SUM, SUM, SUM, -1.0);
         add_planes(arm, STAGE, STATE, STATE, 0.0);
         for (int stage = 0; stage < 4; stage++) {
-            flexible_rates(arm, STAGE);
+            flexible_rates(arm, STAGE, stage == 0 ? 0.5 : 1.0);
             add_planes(arm, SUM, SUM, SLOPE, stage == 1 || stage == 2 ? 2.0 : 1.0);
             add_planes(arm, STAGE, STATE, SLOPE, stage == 2 ? h : 0.5 * h);
         }
@@ -100,6 +75,5 @@ void flexible_period(const struct flexible *arm, real period_s, integer substeps
 
 void flexible_rest(const struct flexible *arm)
 {
-    find_all_near(arm);
-    flexible_rates(arm, STATE);
+    flexible_rates(arm, STATE, 0.5);
 }

@@ -30,13 +30,7 @@ struct flexible {
 /* Constants of a joint, from an axis whose own inertia and gravity give way to those of the links.
  *
  * An arm of 1 kg m^2 without gravity makes of rates the torque on the link. */
-void joint_constants(const struct plant *plant, struct constants *joint);
-
-/* Give a joint the transmission error that its axis has now; near is worked out anew. */
-void take_error(struct constants *joint, const struct plant *plant, struct grid_point *near);
-
-/* The rates of all states of plane STATE or STAGE, written to SLOPE. */
-void flexible_rates(const struct flexible *arm, int plane);
+void joint_constants(const struct plant *plant, struct constants *joint, struct grid_point *near);
 
 /* One control period of an arm under constant torque commands: classical Runge-Kutta, fixed sub-steps. */
 void flexible_period(const struct flexible *arm, real period_s, integer substeps);

@@ -9,12 +9,10 @@ void prepare(const struct plant *plant, const struct plant_state *state, struct 
     const int has_changed = memcmp(plant, &p->plant, sizeof p->plant) != 0;
     if (has_changed) {
         p->plant = *plant;
-        find_constants(plant, &p->constants);
-        p->near.motor = (real)INFINITY;
+        find_constants(plant, &p->constants, &p->near);
     }
     if (has_changed || s->motor_angle_rad != p->pose.theta_m || s->arm_angle_rad != p->pose.theta_l) {
-        move_near(&p->constants, s->motor_angle_rad, s->arm_angle_rad, &p->near);
-        find_pose(&p->constants, &p->near, s->motor_angle_rad, s->arm_angle_rad, &p->pose);
+        find_pose(&p->constants, s->motor_angle_rad, s->arm_angle_rad, 0.5, &p->near, &p->pose);
     }
 }
 
@@ -34,25 +32,21 @@ void plant_period(
     }
     const real h = period_s / (real)substeps;
     const real half = 0.5 * h, sixth = h / 6.0;
-    for (integer step = 0; step < substeps; step++) {
+    for (integer step = 0; step < substeps; step++) { /* Nystroem's form: angles of stages by earlier accelerations */
         rates(k, &here, command, braked, speeds, lags, &w1, &z1);
-        pair at = angles + half * speeds;
-        find_pose(k, near, at[0], at[1], &pose);
-        const pair speeds2 = speeds + half * w1;
-        rates(k, &pose, command, braked, speeds2, lags + half * z1, &w2, &z2);
-        at = angles + half * speeds2;
-        find_pose(k, near, at[0], at[1], &pose);
-        const pair speeds3 = speeds + half * w2;
-        rates(k, &pose, command, braked, speeds3, lags + half * z2, &w3, &z3);
-        at = angles + h * speeds3;
-        find_pose(k, near, at[0], at[1], &pose);
-        const pair speeds4 = speeds + h * w3;
-        rates(k, &pose, command, braked, speeds4, lags + h * z3, &w4, &z4);
-        angles += sixth * (speeds + 2.0 * (speeds2 + speeds3) + speeds4);
+        const pair middle = angles + half * speeds, end = angles + h * speeds;
+        find_pose(k, middle[0], middle[1], 1.0, near, &pose);
+        rates(k, &pose, command, braked, speeds + half * w1, lags + half * z1, &w2, &z2);
+        pair at = middle + half * half * w1;
+        find_pose(k, at[0], at[1], 1.0, near, &pose);
+        rates(k, &pose, command, braked, speeds + half * w2, lags + half * z2, &w3, &z3);
+        at = end + h * half * w2;
+        find_pose(k, at[0], at[1], 1.0, near, &pose);
+        rates(k, &pose, command, braked, speeds + h * w3, lags + h * z3, &w4, &z4);
+        angles = end + h * sixth * (w1 + w2) + h * sixth * w3;
         speeds += sixth * (w1 + 2.0 * (w2 + w3) + w4);
         lags += sixth * (z1 + 2.0 * (z2 + z3) + z4);
-        move_near(k, angles[0], angles[1], near);
-        find_pose(k, near, angles[0], angles[1], &here);
+        find_pose(k, angles[0], angles[1], 0.5, near, &here);
     }
     prepared->pose = here;
     state->motor_angle_rad = angles[0];

@@ -3,8 +3,7 @@
 import math
 from typing import Any
 
-from plant_emulator.physics.axis import MORE_LINES
-from tests.oracles.plant import AxisState, GridPoint, grid_angles, grid_point, rates
+from tests.oracles.plant import AxisState, rates
 
 STATES = len(AxisState._fields)
 STATE, POINT, SLOPE, SUM = range(4)
@@ -219,31 +218,6 @@ def feel(links: Any, sensor: Any, tip: Any, room: Any, felt: Any) -> None:
             felt[r] += sensor[1 + k, r] * along
 
 
-def _to_grid(k: Any, near: Any, i: int, motor_angle: float, arm_angle: float) -> None:
-    """Make a row of `near` the grid point nearest to a state."""
-    motor, arm = grid_angles(k, motor_angle, arm_angle)
-    if motor != near[i, 0] or arm != near[i, 7]:
-        g = grid_point(k, motor, arm)
-        near[i, 0], near[i, 1], near[i, 2], near[i, 3], near[i, 4] = g.motor, g.x1, g.y1, g.x2, g.y2
-        near[i, 5], near[i, 6], near[i, 7], near[i, 8], near[i, 9] = g.x4, g.y4, g.arm, g.gravity_cos, g.gravity_sin
-
-
-def take_error(joint: Any, p: Any, near: Any) -> None:
-    """Give a joint the transmission error that its axis has now.
-
-    Args:
-        joint: A record of `JOINT`, changed in place; a protocol of what is written would be all of `Constants` once more.
-        p: The axis' constants.
-        near: The joint's grid point, which is worked out anew.
-    """
-    joint.a1_cos, joint.a1_sin = p.a1_rad * math.cos(p.phi1_rad), p.a1_rad * math.sin(p.phi1_rad)
-    joint.a2_cos, joint.a2_sin = p.a2_rad * math.cos(p.phi2_rad), p.a2_rad * math.sin(p.phi2_rad)
-    joint.a4_cos, joint.a4_sin = p.a4_rad * math.cos(p.phi4_rad), p.a4_rad * math.sin(p.phi4_rad)
-    for i in range(MORE_LINES):
-        joint.more_rad[i], joint.more_phi[i] = p.more_rad[i], p.more_phi_rad[i]
-    near[0] = math.inf
-
-
 def _begin(joints: Any, drive: Any, stages: Any) -> None:
     """Stop the motors behind a closed brake; where the current follows at once, the torque is the command."""
     for i in range(len(joints)):
@@ -260,25 +234,23 @@ def _weighted(stages: Any, to: int, first: int, second: int, weight: float) -> N
             stages[to, i, k] = stages[first, i, k] + weight * stages[second, i, k]
 
 
-def flexible_rates(joints: Any, links: Any, near: Any, drive: Any, turning: Any, stages: Any, plane: int) -> None:
+def flexible_rates(joints: Any, links: Any, near: Any, drive: Any, turning: Any, stages: Any, plane: int, part: float) -> None:
     """The rates of all states of an arm.
 
     Args:
         joints: `JOINT` array, from the base on; shape (n,).
         links: `LINK` array; shape (n + 1,), what belongs to one evaluation is written.
-        near: Grid points near to the state; shape (n, NEAR).
+        near: Their grid points, which move along.
         drive: Torque commands in N·m, and 1 where the brake holds the motor; shape (2, n).
         turning: Angles, speeds, torques and accelerations of the links' joints, written; shape (4, n).
         stages: States, and their rates, which are written to the plane SLOPE; shape (4, n, STATES).
         plane: The plane that has the states: STATE or POINT.
+        part: As of `rates`.
     """
     for i in range(len(joints)):
         x = stages[plane, i]
         at = AxisState(x[0], x[1], x[2], x[3], x[4], x[5])
-        g = GridPoint(
-            near[i, 0], near[i, 1], near[i, 2], near[i, 3], near[i, 4], near[i, 5], near[i, 6], near[i, 7], near[i, 8], near[i, 9]
-        )
-        motor, torque, hysteresis, current = rates(joints[i], g, drive[0, i], drive[1, i] > 0.0, at)
+        motor, torque, hysteresis, current = rates(joints[i], near[i], drive[0, i], drive[1, i] > 0.0, at, part)
         slope = stages[SLOPE, i]
         slope[0], slope[1], slope[2], slope[4], slope[5] = x[1], motor, x[3], hysteresis, current
         turning[0, i], turning[1, i], turning[2, i] = links[i + 1].home_rad + x[2], x[3], torque
@@ -302,7 +274,7 @@ def flexible_period(
     Args:
         joints: `JOINT` array, from the base on; shape (n,).
         links: `LINK` array; shape (n + 1,), what belongs to one evaluation is written.
-        near: Room for the grid points near to the state; shape (n, NEAR).
+        near: Their grid points, which move along.
         drive: Torque commands in N·m, and 1 where the brake holds the motor; shape (2, n).
         turning: Room for angles, speeds, torques and accelerations of the links' joints; shape (4, n).
         stages: The plane STATE has the state and is changed, the others are room; shape (4, n, STATES).
@@ -312,12 +284,10 @@ def flexible_period(
     h = period_s / substeps
     _begin(joints, drive, stages)
     for _ in range(substeps):
-        for i in range(len(joints)):
-            _to_grid(joints[i], near, i, stages[STATE, i, 0], stages[STATE, i, 2])
         _weighted(stages, SUM, SUM, SUM, -1.0)
         _weighted(stages, POINT, STATE, STATE, 0.0)
         for stage in range(4):
-            flexible_rates(joints, links, near, drive, turning, stages, POINT)
+            flexible_rates(joints, links, near, drive, turning, stages, POINT, 0.5 if stage == 0 else 1.0)
             _weighted(stages, SUM, SUM, SLOPE, 2.0 if stage in (1, 2) else 1.0)
             _weighted(stages, POINT, STATE, SLOPE, h if stage == 2 else 0.5 * h)
         _weighted(stages, STATE, STATE, SUM, h / 6.0)
@@ -329,11 +299,9 @@ def flexible_rest(joints: Any, links: Any, near: Any, drive: Any, turning: Any, 
     Args:
         joints: `JOINT` array.
         links: `LINK` array.
-        near: Room for grid points.
+        near: Their grid points.
         drive: Torque commands and brakes.
         turning: Room for the links' joints.
         stages: States and rates.
     """
-    for i in range(len(joints)):
-        _to_grid(joints[i], near, i, stages[STATE, i, 0], stages[STATE, i, 2])
-    flexible_rates(joints, links, near, drive, turning, stages, STATE)
+    flexible_rates(joints, links, near, drive, turning, stages, STATE, 0.5)

@@ -49,7 +49,7 @@ from plant_emulator.motion.record import (
     VELOCITY,
 )  # fmt: skip
 from tests.oracles.law import FADE_S, cascade_start, hold_integrator, inner_cancellation, servo_step
-from tests.oracles.plant import arm_acceleration, constants, go_through, nearest_to, plant_period, put_error
+from tests.oracles.plant import arm_acceleration, constants, go_through, grid_point, plant_period, put_error
 
 
 def set_point_fraction(m: Any) -> float:
@@ -576,15 +576,15 @@ def advance(periods: int, period_s: float, substeps: int, axes: Any) -> None:
         axis = axes[row]
         m, mechanics = axis.motion, axis.plant_state
         k = constants(axis.plant)
-        near = nearest_to(k, mechanics)
+        near = grid_point(k)
         for _ in range(periods):
             torque = command(axis, period_s)
-            near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+            plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
             draw_noise(axis.encoder)
             if axis.change.is_changing > 0.0:
                 age(axis, period_s)
                 k = constants(axis.plant)
-                near = nearest_to(k, mechanics)
+                near = grid_point(k)
         if m.trip != 0 or m.event != 0:
             m.wake = 1
         else:

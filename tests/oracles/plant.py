@@ -1,22 +1,67 @@
 """The plant in plain Python: its equations of motion as they are, and in the form that the core in C has.
 
-`derivatives` states the equations; `rates` has them as polynomials around grid angles, which is what runs. Records are objects
+`derivatives` states the equations; `rates` has them with few sines and divisions, which is what runs. Records are objects
 with the fields of the structs of `plant_emulator/physics/*.h`, see `tests.oracles.records`.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from plant_emulator.physics.axis import MORE_LINES
 
-MOTOR_GRID_RAD, ARM_GRID_RAD = 1.0 / 16.0, 1.0 / 64.0
 FRICTION_WIDTH_RAD_S = 0.05
 _SATURATED, _DECAYED = 20.0, 40.0
 NAMED_LINES = 3
 SMOOTHING_S = 0.05
 TURNING_RAD_S = 1.0
 
-Lines = tuple[float, float, float, float]
+
+class Harmonic(NamedTuple):
+    """One wave A cos(k θ + φ)."""
+
+    order: float
+    cosine: float
+    """A cos φ."""
+    sine: float
+
+
+class Waves:
+    """A sum of waves near a grid angle, as `hil/control/waves.h` has it."""
+
+    TERMS = 13
+
+    def __init__(self, harmonics: Sequence[Harmonic]) -> None:
+        """Begin with waves that are developed nowhere."""
+        self.harmonics, self.spacing, self.angle = harmonics, 1.0, math.inf
+        while any(self.spacing * each.order > 0.5 for each in harmonics):
+            self.spacing *= 0.5
+
+    def _develop(self, angle: float) -> None:
+        self.angle = round(angle / self.spacing) * self.spacing
+        terms = [[0.0] * self.TERMS, [0.0] * self.TERMS]
+        for wave in self.harmonics:
+            k, re, im = wave.order, math.cos(wave.order * self.angle), math.sin(wave.order * self.angle)
+            term, slope = wave.cosine * re - wave.sine * im, -k * (wave.cosine * im + wave.sine * re)
+            for n in range(self.TERMS):
+                terms[0][n] += term
+                terms[1][n] += slope
+                term, slope = slope * (1.0 / (n + 1)), term * (-k * k * (1.0 / (n + 1)))
+        self.terms = terms
+
+    def sums(self, angle: float, part: float) -> list[float]:
+        """Sum and slope at an angle, developed anew where the grid angle is not nearer than a part of the spacing."""
+        if not abs(angle - self.angle) < part * self.spacing:
+            self._develop(angle)
+        d = angle - self.angle
+        q = d * d
+        q2 = q * q
+        found = []
+        for c in self.terms:
+            even = ((c[0] + q * c[2]) + q2 * (c[4] + q * c[6])) + q2 * q2 * ((c[8] + q * c[10]) + q2 * c[12])
+            odd = ((c[1] + q * c[3]) + q2 * (c[5] + q * c[7])) + q2 * q2 * (c[9] + q * c[11])
+            found.append(even + d * odd)
+        return found
 
 
 class Constants(NamedTuple):
@@ -34,55 +79,26 @@ class Constants(NamedTuple):
     friction_rise: float
     """τ_S − τ_C."""
     per_stribeck_velocity: float
-    gravity_moment: float
-    home_angle: float
     gear_reaction: float
     wind_up_softness: float
-    wind_up_torsion: float
+    per_wind_up_torsion: float
     hysteresis_torque: float
-    hysteresis_torsion: float
+    per_hysteresis_torsion: float
     current_time_constant: float
-    a1_cos: float
-    """A_1 cos φ_1; the others alike."""
-    a1_sin: float
-    a2_cos: float
-    a2_sin: float
-    a4_cos: float
-    a4_sin: float
-    has_more_orders: float
-    more_orders: Lines
-    more_rad: Lines
-    more_phi: Lines
-    is_eccentric: float
-    joint_orders: Lines
-    joint_rad: Lines
-    joint_phi: Lines
-    is_cogging: float
-    cogging_orders: Lines
-    cogging_nm: Lines
-    cogging_phi: Lines
+    lines: int
+    """Of the error."""
+    error: Sequence[Harmonic]
+    gravity: Harmonic
+    cogging_lines: int
+    cogging: Sequence[Harmonic]
 
 
 class GridPoint(NamedTuple):
-    """Sine and cosine at one grid angle of the motor and one of the arm, scaled: angle sums give the values around them.
+    """Error and cogging around angles of the motor, gravity around one of the arm."""
 
-    With x_k = A_k cos(k θ₀ + φ_k) and y_k = A_k sin(k θ₀ + φ_k):  A_k cos(k (θ₀ + δ) + φ_k) = x_k cos kδ − y_k sin kδ, where
-    cos 2δ = 1 − 2 sin² δ and sin 2δ = 2 sin δ cos δ, once more for 4δ. Gravity alike, with m g l and θ_l + q₀.
-    """
-
-    motor: float
-    """θ₀ of the motor."""
-    x1: float
-    y1: float
-    x2: float
-    y2: float
-    x4: float
-    y4: float
-    arm: float
-    """θ₀ of the arm's inclination θ_l + q₀."""
-    gravity_cos: float
-    """m g l cos θ₀."""
-    gravity_sin: float
+    error: Waves
+    cogging: Waves
+    gravity: Waves
 
 
 class AxisState(NamedTuple):
@@ -202,33 +218,18 @@ def hang_at_rest(p: Any, s: Any) -> None:
     s.motor_speed_rad_s, s.torque_nm = 0.0, 0.0
 
 
-def _motor_turn(d: float) -> tuple[float, float]:
-    """Cos δ and sin δ of the motor's distance δ from its grid angle.
-
-    Taylor's polynomials to δ⁶ and δ⁷ leave less than δ⁸/8! and δ⁹/9!: 5.8e-15 at |δ| = 1/16. On an amplitude of A_k = 60″ that
-    is 2e-18 rad, below the last digit of θ_m/N. Further away the library's functions take over.
-    """
-    if abs(d) > MOTOR_GRID_RAD:
-        return math.cos(d), math.sin(d)
-    q = d * d
-    cosine = 1.0 - q * (1.0 / 2.0 - q * (1.0 / 24.0 - q * (1.0 / 720.0)))
-    return cosine, d * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0))))
-
-
-def _arm_turn(d: float) -> tuple[float, float]:
-    """Cos δ and sin δ of the arm's distance δ from its grid angle.
-
-    Taylor's polynomials to δ⁴ and δ⁵ leave less than δ⁶/6! and δ⁷/7!: 2.0e-14 at |δ| = 1/64. On a gravity moment of 52 N·m that
-    is 1e-12 N·m; the last digit of an arm angle of 1 rad, times K_g, is 1e-11 N·m.
-    """
-    if abs(d) > ARM_GRID_RAD:
-        return math.cos(d), math.sin(d)
-    q = d * d
-    return 1.0 - q * (1.0 / 2.0 - q * (1.0 / 24.0)), d * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0)))
-
-
-def constants(p: Any) -> "Constants":
+def constants(p: Any) -> Constants:
     """`Constants` of an axis."""
+
+    def wave(order: float, size: float, phase: float) -> Harmonic:
+        return Harmonic(order, size * math.cos(phase), size * math.sin(phase))
+
+    error = [wave(1.0, p.a1_rad, p.phi1_rad), wave(2.0, p.a2_rad, p.phi2_rad), wave(4.0, p.a4_rad, p.phi4_rad)]
+    if p.has_more_orders > 0.0:
+        error += map(wave, p.more_orders, p.more_rad, p.more_phi_rad)
+    if p.is_eccentric > 0.0:
+        error += map(wave, p.joint_orders, p.joint_rad, p.joint_phi_rad)
+    magnets = list(map(wave, p.cogging_orders, p.cogging_nm, p.cogging_phi_rad)) if p.is_cogging > 0.0 else []
     return Constants(
         1.0 / p.reduction_ratio,
         1.0 / p.motor_inertia_kg_m2,
@@ -240,142 +241,72 @@ def constants(p: Any) -> "Constants":
         p.coulomb_friction_nm,
         p.static_friction_nm - p.coulomb_friction_nm,
         1.0 / p.stribeck_velocity_rad_s,
-        p.gravity_moment_nm,
-        p.home_angle_rad,
         p.gear_reaction,
         p.wind_up_softness,
-        p.wind_up_torsion_rad,
+        1.0 / (p.wind_up_torsion_rad or math.nan),
         p.hysteresis_torque_nm,
-        p.hysteresis_torsion_rad,
+        1.0 / (p.hysteresis_torsion_rad or math.nan),
         p.current_time_constant_s,
-        p.a1_rad * math.cos(p.phi1_rad),
-        p.a1_rad * math.sin(p.phi1_rad),
-        p.a2_rad * math.cos(p.phi2_rad),
-        p.a2_rad * math.sin(p.phi2_rad),
-        p.a4_rad * math.cos(p.phi4_rad),
-        p.a4_rad * math.sin(p.phi4_rad),
-        p.has_more_orders,
-        (p.more_orders[0], p.more_orders[1], p.more_orders[2], p.more_orders[3]),
-        (p.more_rad[0], p.more_rad[1], p.more_rad[2], p.more_rad[3]),
-        (p.more_phi_rad[0], p.more_phi_rad[1], p.more_phi_rad[2], p.more_phi_rad[3]),
-        p.is_eccentric,
-        (p.joint_orders[0], p.joint_orders[1], p.joint_orders[2], p.joint_orders[3]),
-        (p.joint_rad[0], p.joint_rad[1], p.joint_rad[2], p.joint_rad[3]),
-        (p.joint_phi_rad[0], p.joint_phi_rad[1], p.joint_phi_rad[2], p.joint_phi_rad[3]),
-        p.is_cogging,
-        (p.cogging_orders[0], p.cogging_orders[1], p.cogging_orders[2], p.cogging_orders[3]),
-        (p.cogging_nm[0], p.cogging_nm[1], p.cogging_nm[2], p.cogging_nm[3]),
-        (p.cogging_phi_rad[0], p.cogging_phi_rad[1], p.cogging_phi_rad[2], p.cogging_phi_rad[3]),
+        len(error),
+        error,
+        wave(1.0, p.gravity_moment_nm, p.home_angle_rad),
+        len(magnets),
+        magnets,
     )
 
 
-def grid_angles(k: Any, motor_angle: float, arm_angle: float) -> tuple[float, float]:
-    """Nearest grid angles to θ_m and to θ_l + q₀."""
-    return (
-        round(motor_angle * (1.0 / MOTOR_GRID_RAD)) * MOTOR_GRID_RAD,
-        round((arm_angle + k.home_angle) * (1.0 / ARM_GRID_RAD)) * ARM_GRID_RAD,
-    )
+def grid_point(k: Any) -> GridPoint:
+    """A grid point at which nothing is developed yet."""
+    return GridPoint(Waves(k.error[: k.lines]), Waves(k.cogging[: k.cogging_lines]), Waves([k.gravity]))
 
 
-def grid_point(k: Any, motor: float, arm: float) -> "GridPoint":
-    """`GridPoint` of these grid angles."""
-    cosine, sine = math.cos(motor), math.sin(motor)
-    cosine2, sine2 = 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
-    cosine4, sine4 = 1.0 - 2.0 * sine2 * sine2, 2.0 * sine2 * cosine2
-    return GridPoint(
-        motor,
-        k.a1_cos * cosine - k.a1_sin * sine,
-        k.a1_sin * cosine + k.a1_cos * sine,
-        k.a2_cos * cosine2 - k.a2_sin * sine2,
-        k.a2_sin * cosine2 + k.a2_cos * sine2,
-        k.a4_cos * cosine4 - k.a4_sin * sine4,
-        k.a4_sin * cosine4 + k.a4_cos * sine4,
-        arm,
-        k.gravity_moment * math.cos(arm),
-        k.gravity_moment * math.sin(arm),
-    )
-
-
-def nearest(k: Any, motor_angle: float, arm_angle: float) -> "GridPoint":
-    """The grid point nearest to these angles."""
-    motor, arm = grid_angles(k, motor_angle, arm_angle)
-    return grid_point(k, motor, arm)
-
-
-def rates(k: Any, near: Any, command: float, braked: bool, at: Any) -> tuple[float, float, float, float]:
+def rates(k: Any, near: GridPoint, command: float, braked: bool, at: Any, part: float) -> tuple[float, float, float, float]:
     """θ̈_m, θ̈_l, ż and τ̇ of one axis, see `derivatives`.
 
     Args:
         k: `constants` of the axis.
-        near: A grid point; the nearer, the smaller the error.
+        near: A grid point; moved where it is too far away.
         command: Torque command in N·m.
         braked: Whether the brake holds the motor.
         at: The state.
+        part: 1/2 for a state; 1 for a stage, which is near to one.
     """
-    cosine, sine = _motor_turn(at.theta_m - near.motor)
-    cosine2, sine2 = 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
-    cosine4, sine4 = 1.0 - 2.0 * sine2 * sine2, 2.0 * sine2 * cosine2
-    sync = (near.x1 * cosine - near.y1 * sine) + (near.x2 * cosine2 - near.y2 * sine2) + (near.x4 * cosine4 - near.y4 * sine4)
-    slope1, slope2 = near.x1 * sine + near.y1 * cosine, near.x2 * sine2 + near.y2 * cosine2
-    slope4 = near.x4 * sine4 + near.y4 * cosine4
-    slope = -slope1 - 2.0 * slope2 - 4.0 * slope4
-    if k.has_more_orders > 0.0:  # any order, a fraction too: no grid leads there
-        for i in range(MORE_LINES):
-            turned = k.more_orders[i] * at.theta_m + k.more_phi[i]
-            sync += k.more_rad[i] * math.cos(turned)
-            slope -= k.more_orders[i] * k.more_rad[i] * math.sin(turned)
-    if k.is_eccentric > 0.0:
-        for i in range(MORE_LINES):
-            turned = k.joint_orders[i] * at.theta_m + k.joint_phi[i]
-            sync += k.joint_rad[i] * math.cos(turned)
-            slope -= k.joint_orders[i] * k.joint_rad[i] * math.sin(turned)
+    sync, slope = near.error.sums(at.theta_m, part)
+    gravity, _ = near.gravity.sums(at.theta_l, part)
     torsion = at.theta_m * k.per_ratio + sync - at.theta_l
     torsion_rate = at.w_m * (k.per_ratio + slope) - at.w_l
-    stiffness = k.gear_stiffness
+    spring = k.gear_stiffness * torsion
     if k.wind_up_softness > 0.0:
-        ratio = torsion / k.wind_up_torsion
-        stiffness *= 1.0 - k.wind_up_softness * math.exp(-ratio * ratio)
-    gear = stiffness * torsion + k.gear_damping * torsion_rate + at.z
-    cosine, sine = _arm_turn(at.theta_l + k.home_angle - near.arm)
-    gravity = near.gravity_cos * cosine - near.gravity_sin * sine
+        ratio = torsion * k.per_wind_up_torsion
+        spring -= k.wind_up_softness * spring * math.exp(-ratio * ratio)
+    gear = (k.gear_damping * torsion_rate + at.z) + spring
     acceleration_l = (gear - k.arm_damping * at.w_l - gravity) * k.per_arm_inertia
     z_rate = 0.0
     if k.hysteresis_torque > 0.0:
-        sign = 1.0 if torsion_rate > 0.0 else -1.0
-        z_rate = torsion_rate / k.hysteresis_torsion * (k.hysteresis_torque - sign * at.z)
+        z_rate = (torsion_rate * k.hysteresis_torque - abs(torsion_rate) * at.z) * k.per_hysteresis_torsion
     if braked:
         return 0.0, acceleration_l, z_rate, 0.0
     torque, torque_rate = command, 0.0
     if k.current_time_constant > 0.0:
         torque, torque_rate = at.tau, (command - at.tau) / k.current_time_constant
-    if k.is_cogging > 0.0:
-        for i in range(MORE_LINES):
-            torque += k.cogging_nm[i] * math.cos(k.cogging_orders[i] * at.theta_m + k.cogging_phi[i])
+    magnets = near.cogging.sums(at.theta_m, part)[0] if k.cogging_lines > 0 else 0.0
     load = gear * (k.per_ratio + k.gear_reaction * slope)
     lost = friction(k.coulomb_friction, k.friction_rise, k.per_stribeck_velocity, at.w_m)
-    acceleration_m = (torque - k.motor_damping * at.w_m - lost - load) * k.per_motor_inertia
+    acceleration_m = (torque + magnets - k.motor_damping * at.w_m - lost - load) * k.per_motor_inertia
     return acceleration_m, acceleration_l, z_rate, torque_rate
 
 
-def nearest_to(k: Any, s: Any) -> "GridPoint":
-    """The grid point nearest to a state, from which `plant_period` begins."""
-    return nearest(k, s.motor_angle_rad, s.arm_angle_rad)
-
-
-def plant_period(k: Any, near: Any, s: Any, command: float, braked: bool, period_s: float, substeps: int) -> "GridPoint":
+def plant_period(k: Any, near: GridPoint, s: Any, command: float, braked: bool, period_s: float, substeps: int) -> None:
     """One control period under a constant torque command: classical Runge-Kutta, fixed sub-steps; θ̈_l is left as it was.
 
     Args:
         k: `constants` of the axis.
-        near: The grid point nearest to a state of a short while ago.
+        near: A grid point, which moves along.
         s: The state; changed in place.
         command: Torque command in N·m, held over the period.
         braked: Whether the brake holds the motor.
         period_s: The control period.
         substeps: Runge-Kutta steps per period.
-
-    Returns:
-        The grid point for the next period.
     """
     th, wm, tl, wl = s.motor_angle_rad, s.motor_speed_rad_s, s.arm_angle_rad, s.arm_speed_rad_s
     z, tau = s.hysteresis_nm, s.torque_nm
@@ -386,34 +317,30 @@ def plant_period(k: Any, near: Any, s: Any, command: float, braked: bool, period
     h = period_s / substeps
     half, sixth = 0.5 * h, h / 6.0
     for _ in range(substeps):
-        motor, arm = grid_angles(k, th, tl)
-        if motor != near.motor or arm != near.arm:
-            near = grid_point(k, motor, arm)
-        a1, b1, c1, d1 = rates(k, near, command, braked, AxisState(th, wm, tl, wl, z, tau))
-        wm2, wl2 = wm + half * a1, wl + half * b1
-        at = AxisState(th + half * wm, wm2, tl + half * wl, wl2, z + half * c1, tau + half * d1)
-        a2, b2, c2, d2 = rates(k, near, command, braked, at)
-        wm3, wl3 = wm + half * a2, wl + half * b2
-        at = AxisState(th + half * wm2, wm3, tl + half * wl2, wl3, z + half * c2, tau + half * d2)
-        a3, b3, c3, d3 = rates(k, near, command, braked, at)
-        wm4, wl4 = wm + h * a3, wl + h * b3
-        at = AxisState(th + h * wm3, wm4, tl + h * wl3, wl4, z + h * c3, tau + h * d3)
-        a4, b4, c4, d4 = rates(k, near, command, braked, at)
-        th += sixth * (wm + 2.0 * (wm2 + wm3) + wm4)
-        tl += sixth * (wl + 2.0 * (wl2 + wl3) + wl4)
+        a1, b1, c1, d1 = rates(k, near, command, braked, AxisState(th, wm, tl, wl, z, tau), 0.5)
+        middle_m, middle_l, end_m, end_l = th + half * wm, tl + half * wl, th + h * wm, tl + h * wl
+        at = AxisState(middle_m, wm + half * a1, middle_l, wl + half * b1, z + half * c1, tau + half * d1)
+        a2, b2, c2, d2 = rates(k, near, command, braked, at, 1.0)
+        turned_m, turned_l = middle_m + half * half * a1, middle_l + half * half * b1
+        at = AxisState(turned_m, wm + half * a2, turned_l, wl + half * b2, z + half * c2, tau + half * d2)
+        a3, b3, c3, d3 = rates(k, near, command, braked, at, 1.0)
+        turned_m, turned_l = end_m + h * half * a2, end_l + h * half * b2
+        at = AxisState(turned_m, wm + h * a3, turned_l, wl + h * b3, z + h * c3, tau + h * d3)
+        a4, b4, c4, d4 = rates(k, near, command, braked, at, 1.0)
+        th = end_m + h * sixth * (a1 + a2) + h * sixth * a3
+        tl = end_l + h * sixth * (b1 + b2) + h * sixth * b3
         wm += sixth * (a1 + 2.0 * (a2 + a3) + a4)
         wl += sixth * (b1 + 2.0 * (b2 + b3) + b4)
         z += sixth * (c1 + 2.0 * (c2 + c3) + c4)
         tau += sixth * (d1 + 2.0 * (d2 + d3) + d4)
     s.motor_angle_rad, s.motor_speed_rad_s, s.arm_angle_rad, s.arm_speed_rad_s = th, wm, tl, wl
     s.hysteresis_nm, s.torque_nm = z, tau
-    return near
 
 
 def arm_acceleration(k: Any, s: Any) -> float:
     """θ̈_l of a state; it does not depend on the torque command, which the motor feels first."""
     at = AxisState(s.motor_angle_rad, s.motor_speed_rad_s, s.arm_angle_rad, s.arm_speed_rad_s, s.hysteresis_nm, s.torque_nm)
-    _, acceleration, _, _ = rates(k, nearest_to(k, s), 0.0, True, at)
+    _, acceleration, _, _ = rates(k, grid_point(k), 0.0, True, at, 0.5)
     return acceleration
 
 
@@ -429,7 +356,7 @@ def plant_step(p: Any, s: Any, command: float, braked: bool, period_s: float, su
         substeps: Runge-Kutta steps per period.
     """
     k = constants(p)
-    plant_period(k, nearest_to(k, s), s, command, braked, period_s, substeps)
+    plant_period(k, grid_point(k), s, command, braked, period_s, substeps)
     s.arm_acceleration_rad_s2 = arm_acceleration(k, s)
 
 

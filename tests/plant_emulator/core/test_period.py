@@ -213,7 +213,7 @@ def test_an_arm_on_elastic_joints_is_that_of_the_specification(arm_robot):
     constants = [plain(each) for each in moving.joints]
     links = [plain(each) for each in moving.links]
     count = len(constants)
-    near, drive, turning = np.full((count, 10), np.inf), np.zeros((2, count)), np.zeros((4, count))
+    near, drive, turning = [plant.grid_point(each) for each in constants], np.zeros((2, count)), np.zeros((4, count))
     stages, state = np.zeros((4, count, 6)), [axes.plant_state[row] for row in moving.order]
     for i in range(count):
         stages[0, i, 0], stages[0, i, 2] = state[i]["motor_angle_rad"], state[i]["arm_angle_rad"]
