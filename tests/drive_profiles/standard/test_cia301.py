@@ -19,7 +19,7 @@ from drive_profiles.standard.cia301 import (
     abort_text,
     decode,
     encode,
-    is_restricted,
+    identifier_refusal,
 )
 
 INTEGERS = [data_type for data_type in DataType if data_type.is_integer]
@@ -137,13 +137,13 @@ def test_every_abort_code_has_words_and_an_unknown_one_too():
     ],
 )  # fmt: skip
 def test_restricted_identifiers_end_where_the_table_says(can_id, restricted):
-    assert is_restricted(can_id) is restricted
+    assert (identifier_refusal(can_id) is not None) is restricted
 
 
 def test_the_predefined_connection_set_gives_no_restricted_identifier_to_a_pdo():
     for code in FunctionCode:
         if "PDO" in code.name:
-            assert not any(is_restricted(code + node_id) for node_id in range(1, 128))
+            assert not any(identifier_refusal(code + node_id) for node_id in range(1, 128))
 
 
 def test_cob_id_bits_are_plain_numbers():

@@ -140,8 +140,8 @@ def test_a_node_around_a_slave_does_as_the_slave_does(make_bench, steps):
     for frame, pause in steps:
         now += pause
         assert around.advance(now) == bare.slave.advance(now)
-        assert around.receive(frame, now) == bare.slave.receive(frame, now)
-        assert (around.node_id, around.due) == (bare.slave.node_id, bare.slave.due)
+        assert around.slave.receive(frame, now) == bare.slave.receive(frame, now)
+        assert (around.node_id, around.slave.due) == (bare.slave.node_id, bare.slave.due)
 
 
 @settings(max_examples=50)
