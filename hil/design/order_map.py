@@ -5,7 +5,7 @@ compared with sines of the motor's angle instead of time: in an order map with a
 
     A(k) = |2 ∫ w a e^{−jkθ} |dθ|| / ∫ w |dθ|,
 
-where an error is a vertical line, and a resonance f the hyperbola k f_m = f, on which the line swells; and in an order track
+where an error is a line of one order, and a resonance f the hyperbola k f_m = f, on which the line swells; and in an order track
 with sines of a few orders at once and a slow curve, by least squares, which separates orders whose lines in the map overlap and
 has standard errors. Both take samples at any times, and motors that speed up, slow down and turn back.
 

@@ -32,7 +32,7 @@ class AxisGuard:
     Args:
         number: Axis number.
         table: Table with the limits of the axis.
-        missing_limit: Largest number of missing answers in a row.
+        missing_limit: Missing answers in a row that stop a run.
         period_s: SYNC period.
         data: Its record, all zero; None: one of its own.
     """
