@@ -36,7 +36,7 @@ WIND_UP_RAD = 2e-3
 """Turn that wind-up, transmission error and the encoder's own error may add to any travel: seven arc minutes."""
 
 LONGEST_GAP_ROWS = 3
-"""Answers of an encoder in a row that may be lost: by default as many of a drive's stop a run (`missing_limit`)."""
+"""Answers of an encoder in a row that may be lost; by default a run stops if so many of a drive are missing (`missing_limit`)."""
 LEAST_KNOWN_ROWS = 4
 """Rows from which a cubic spline bridges a gap."""
 

@@ -109,6 +109,7 @@ _STOP_OF_HALT: dict[int, Stop] = {
 """Codes that 605Ah, 605Dh and 605Eh have in common."""
 _STOP_OF_FAULT_REACTION = {int(FaultReactionOption.DISABLE): Stop.AT_ONCE, **_STOP_OF_HALT}
 _STAYING = {code + QuickStopOption.VOLTAGE_LIMIT: stop for code, stop in _STOP_OF_HALT.items()}
+"""Codes 5 to 8 of 605Ah: those of 1 to 4, after which the drive stays in QUICK_STOP_ACTIVE."""
 _STOP_OF_QUICK_STOP = _STOP_OF_FAULT_REACTION | _STAYING
 
 

@@ -92,6 +92,12 @@ def test_a_robot_of_which_it_is_not_known_whether_it_is_emulated_may_be_compared
         check_robot(result(emulated=False), result())
 
 
+def test_a_motion_of_another_version_is_compared_without_its_table():
+    """Its bench file may have one that this version does not know."""
+    entries = [run_entry().model_copy(update={"experiment": "spiral"}) for _ in range(2)]
+    assert len(paired_runs(result(entries[0]), result(entries[1])).pairs) == 1
+
+
 def test_windows_meet_their_own_and_what_is_left_once_meets_the_other():
     new = result(run_entry("none"), run_entry("none", order=4), run_entry("notch"), run_entry("cancellation", order=4))
     old = result(run_entry("none"), run_entry("none", order=4), run_entry("low-gains"))
