@@ -115,8 +115,7 @@ class _Account:
         windows = seen.windows
         self._left = self._mean([look.sighting.vibration for look in after])
         self._noise_mm = windows.noise_mm / math.sqrt(len(after))
-        jolt = windows.peaks_mm(self._mean([_without_orders(look) for look in before]))
-        self._jolt_mm = max(jolt.values())
+        self._jolt_mm = max(map(min, self._jolts_mm(before), self._jolts_mm(after)))
         self._quiet_mm, self._asked_mm = quiet_mm, max(quiet_mm, JOLT_FACTOR * self._jolt_mm)
         self._unseen_mm = windows.to_mm * self._unseen_m_s2()
         self._peaks = {order: self._peak_mm(order) for order in windows.rows}
@@ -130,6 +129,18 @@ class _Account:
 
     def _mean(self, values: Sequence[Real]) -> Real:
         return np.asarray(np.mean([each[: self._count] for each in values], axis=0))
+
+    def _jolts_mm(self, looks: Sequence[Look]) -> Iterator[float]:
+        """Peak of the motion's own vibration in each window, as far as the vibration there has it.
+
+        One amplitude is fitted to all rows: what rings at the start of a ramp would tell of its end.
+        """
+        own = self._mean([_without_orders(look) for look in looks])
+        residual = self._mean([look.sighting.residual for look in looks])
+        for rows in self._seen.windows.rows.values():
+            fitted, found = own[rows[: self._count]], (own + residual)[rows[: self._count]]
+            share = min(max(float(fitted @ found) / max(float(fitted @ fitted), 1e-30), 0.0), 1.0)
+            yield self._seen.windows.to_mm * share * float(np.max(np.abs(fitted)))
 
     def _power(self, values: Real) -> float:
         """Power in the worst window beyond the noise, mm²."""

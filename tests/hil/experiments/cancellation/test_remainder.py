@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,6 +88,29 @@ def test_what_a_limit_leaves_out_is_what_is_left(asked: NDArray[np.float64] | No
     given_up = (1.0 - np.interp(speed, 0.1 * np.arange(100), share)) * (wave(2) @ np.array([0.3, 0.1]))
     found = told(look(1.0, {ONE: 0.0j, TWO: 0.0j}, given_up), look(0.0, WITHOUT), table(share, asked))
     assert found.causes == (cause,)
+
+
+JOLT = 0.05 * np.exp(-TIME / 0.3) * np.cos(2.0 * math.pi * 11.0 * TIME)
+
+
+def jolted(gain: float, left: dict[Part, complex], fitted: float, found: float) -> Look:
+    """A run in which a jolt was fitted, and in which there is one."""
+    calm = look(gain, left).sighting
+    sighting = replace(calm, residual=(found - fitted) * JOLT, vibration=calm.vibration + found * JOLT)
+    return Look({TWO: gain}, sighting)
+
+
+@pytest.mark.parametrize(
+    ("without", "with_it", "jolt"),
+    [((1.0, 1.0), (1.0, 1.0), 1.0), ((1.0, 0.0), (1.0, 0.0), 0.0), ((1.0, 1.0), (0.0, 0.0), 0.0), ((2.0, 1.0), (1.0, 1.0), 1.0)],
+    ids=["in both", "fitted, but not there", "only without the cancellation", "fitted twice too large"],
+)
+def test_the_motion_alone_makes_what_is_seen_without_the_cancellation_and_with_it(
+    without: tuple[float, float], with_it: tuple[float, float], jolt: float
+) -> None:
+    found = told(jolted(1.0, {ONE: 0.0j, TWO: 0.001j}, *with_it), jolted(0.0, WITHOUT, *without))
+    assert found.jolt_mm == pytest.approx(jolt * np.max(np.abs(JOLT)), rel=0.05)
+    assert found.asked_mm == max(QUIET_MM, 1.3 * found.jolt_mm)
 
 
 def test_what_nothing_shows_is_not_explained() -> None:
