@@ -142,18 +142,13 @@ class _Account:
             share = min(max(float(fitted @ found) / max(float(fitted @ fitted), 1e-30), 0.0), 1.0)
             yield self._seen.windows.to_mm * share * float(np.max(np.abs(fitted)))
 
-    def _power(self, values: Real) -> float:
-        """Power in the worst window beyond the noise, mm²."""
-        power = float(np.mean((self._seen.windows.to_mm * values[self._rows]) ** 2))
-        return max(power - self._noise_mm**2, 0.0)
-
-    def _peak_mm(self, order: float | None, *, with_unseen: bool = True) -> float:
+    def _peak_mm(self, order: float | None, removed: float | Real = 0.0, *, with_unseen: bool = True) -> float:
         """Peak in a window, reduced by the noise's part of the power, with what samples do not show of it.
 
-        That has other frequencies, so the powers add up.
+        That has other frequencies, so the powers add up. `removed` is a vibration that is taken off.
         """
         rows = self._seen.windows.rows[order][: self._count]
-        tip = self._seen.windows.to_mm * self._left[rows]
+        tip = self._seen.windows.to_mm * (self._left - removed)[rows]
         power = float(np.mean(tip**2))
         part = max(power - self._noise_mm**2, 0.0) / max(power, 1e-30)
         return float(np.max(np.hypot(math.sqrt(part) * tip, with_unseen * self._unseen_mm[rows])))
@@ -189,14 +184,13 @@ class _Account:
 
     def _cause(self) -> RemainderCause:
         """Cause that removes most of the remainder, if it explains it."""
-        shown_mm = self._peak_mm(self._order, with_unseen=False)
-        unseen_mm = self._left_mm - shown_mm
-        kept = {name: shown_mm * self._after_removal(vibration) + unseen_mm for name, vibration in self._reckoned().items()}
+        unseen_mm = self._left_mm - self._shown_mm()
+        kept = {name: self._shown_mm(vibration) + unseen_mm for name, vibration in self._reckoned().items()}
         kept["frequency limit"] -= unseen_mm
         best = min(kept, key=lambda name: kept[name])
         if self._explains(kept[best]):
             return best
-        if self._explains(shown_mm * self._after_removal(self._waves(self._seen.used, self._after)) + unseen_mm):
+        if self._explains(self._shown_mm(self._waves(self._seen.used, self._after)) + unseen_mm):
             return "estimate"
         if self._left_mm - self._asked_mm < self._noise_mm:
             return "sensor noise"
@@ -231,9 +225,9 @@ class _Account:
         """True if what a cause leaves is small enough."""
         return kept_mm <= self._left_mm - HALF * (self._left_mm - self._asked_mm)
 
-    def _after_removal(self, vibration: Real) -> float:
-        """Fraction of the remainder that stays after a vibration is removed."""
-        return math.sqrt(self._power(self._left - vibration) / max(self._power(self._left), 1e-30))
+    def _shown_mm(self, removed: float | Real = 0.0) -> float:
+        """Peak of what samples show in the worst window, without a vibration."""
+        return self._peak_mm(self._order, removed, with_unseen=False)
 
     def _waves(self, parts: Sequence[Part], looks: Sequence[Look]) -> Real:
         """Vibration of the significant parts in some runs."""
