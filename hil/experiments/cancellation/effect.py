@@ -49,8 +49,6 @@ On 119 drawn arms below 7 Hz (10142 to 10341, 50001 to 50200) with the true canc
 square; nine in ten less than 1.0)."""
 LIKELY = (0.04, 0.4, 0.003)
 """Standard deviations of a model before the fit: of ln f, of ln ζ, and of the sensor's delay in s."""
-
-
 PLANNED_SPREAD = 1.6
 """Standard deviation of the planned motion's two amplitudes around 1 and 0, before the fit.
 

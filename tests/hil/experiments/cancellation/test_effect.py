@@ -1,6 +1,7 @@
 """Reading of the orders: against an arm that is integrated in time, which knows nothing of transforms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,3 +80,14 @@ def test_the_standard_errors_are_those_of_the_noise() -> None:
             away = found.amplitude[Part(2, order)] - true
             z += [part / math.sqrt(found.variance(Part(2, order))) for part in (away.real, away.imag)]
     assert 0.5 < float(np.sqrt(np.mean(np.square(z)))) < 1.6
+
+
+def test_a_planned_motion_does_not_explain_what_it_hardly_shows() -> None:
+    """Late in a ramp its start rings no more: a wave that nobody knows stays in the residual."""
+    recording = shaken(ramp(), 0.02)
+    time, unknown_m_s2 = recording.time_s, 0.1
+    columns = {**recording.columns, "tip_z_m_s2": recording.felt_m_s2 + unknown_m_s2 * np.cos(2.0 * math.pi * 11.0 * time)}
+    known = replace(axis(), planned_rad=ramp() / RATIO)
+    found = sight(Recording(columns), [known], np.asarray((time > 2.0) & (time < 2.3)), (6.0, 25.0))
+    own = found.vibration - found.residual - sum(found.wave(part, size) for part, size in found.amplitude.items())
+    assert np.max(np.abs(own)) < 0.05 * unknown_m_s2
