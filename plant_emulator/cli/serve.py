@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import os
 import signal
 import sys
 from pathlib import Path
@@ -331,6 +332,7 @@ def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | 
     try:
         listener = VirtualcanListener(host, port, lambda line: typer.echo(line, err=True))
     except OSError as error:
-        raise fail(f"--virtualcan {host}:{port}: {error.strerror or error}", EmulatorExitStatus.BUS) from None
+        words = os.strerror(error.errno or 0)  # its own words name the port again
+        raise fail(f"--virtualcan {host}:{port}: {words}; --virtualcan 0 takes a free port", EmulatorExitStatus.BUS) from None
     server.open(listener)
     typer.echo(f"virtualcan: {listener}")
