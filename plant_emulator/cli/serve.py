@@ -318,7 +318,7 @@ def _open_ports(
             sensor.write = terminal.write
             typer.echo(f"serial accelerometer at {accelerometer}")
     except (ImportError, AttributeError, OSError) as error:
-        raise fail(f"no serial port: {error}", EmulatorExitStatus.BUS) from None
+        raise fail(f"no serial port: {getattr(error, 'strerror', None) or error}", EmulatorExitStatus.BUS) from None
 
 
 def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
