@@ -117,7 +117,7 @@ COMMANDS = {
     ),
     "a file for a backup": (drive_profiles, ("backup", "--out", "x.log", *NOWHERE), 3, "x.log is a file; expected a folder"),
     "a file for pages": (drive_profiles, ("pages", "--out", "x.log"), 3, "x.log is a file; expected a folder"),
-    "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "is a bench file; expected a parameter"),
+    "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "is a bench file; expected a"),
     "an assignment that is none": (plant_emulator, ("serve", "--drive", "3:x"), 2, "--drive 3:x: expected AXIS=VALUE, such as"),
     "a file to serve on": (
         plant_emulator, ("serve", "--bus", "local:x.log"), 4, "cannot serve local:x.log: x.log is a file; choose another path",
