@@ -80,6 +80,10 @@ COMMANDS = {
     "no adapter": (
         hil, (*RUN, "--bus", "slcan:/dev/no@1M"), 4, "no bus at slcan:/dev/no@1M: could not open port /dev/no: No such file",
     ),
+    "no adapter to scan": (
+        drive_profiles, ("scan", "--bus", "slcan:/dev/no@1M"), 4,
+        "no bus at slcan:/dev/no@1M: could not open port /dev/no: No such file",
+    ),
     "no log": (hil, ("explain", "x.log"), 3, "x.log: no frame in it: none of its 2 lines is a line of candump"),
     "a design file to write": (
         hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--design", "bench.toml"), 3,
