@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
@@ -114,14 +113,6 @@ class RefusedError(DriveProfileError):
     def __init__(self, *reasons: str) -> None:
         self.reasons = reasons
         super().__init__("\n".join(reasons))
-
-
-_ERRNO = re.compile(r"\[Errno \d+\] ")
-
-
-def without_errno(words: str) -> str:
-    """Return words without the numbers that Python puts before an error of the system."""
-    return _ERRNO.sub("", words)
 
 
 class BusError(DriveProfileError):

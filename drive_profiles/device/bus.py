@@ -11,9 +11,9 @@ from typing import Any, Self
 
 import can
 
-from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address
+from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address, without_errno
 from drive_profiles.device.sdo import ForeignRequests, SdoPort
-from drive_profiles.errors import BusError, without_errno
+from drive_profiles.errors import BusError
 from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
 
 _INTERFACES = {LOCAL: PYTHON_CAN_LOCAL}

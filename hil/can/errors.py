@@ -1,7 +1,6 @@
 """Errors of a bus."""
 
-from drive_profiles.address import Address
-from drive_profiles.errors import without_errno
+from drive_profiles.address import Address, without_errno
 
 
 class ChannelError(Exception):
