@@ -116,7 +116,7 @@ B = joint_xml("b", "continuous", "one", "two")
         (robot(BASE, ONE, A.replace('xyz="0 0 1"', 'xyz="0 0 nan"')), "three numbers"),
         (robot(BASE, ONE, A.replace('velocity="2.5"', 'velocity="-1"')), "joint 'a': has the velocity -1 rad/s"),
         (robot(BASE, ONE, TWO, A, joint_xml("b", "continuous", "base", "two")), "joint 'b': branches off beside 'a'"),
-        (robot(BASE, ONE.replace('value="2.0"', 'value="-2.0"'), A), r"link 'one': mass_kg: found -2\.0; expected at least 0 kg"),
+        (robot(BASE, ONE.replace('value="2.0"', 'value="-2.0"'), A), r"link 'one': mass_kg: found -2\.0; expected at least 0"),
         (robot(BASE, ONE.replace('value="2.0"', 'value="much"'), A), "link 'one': <mass> has value='much'"),
         (robot(BASE, ONE.replace('izz="', 'izz="9'), A), r"link 'one': .*triangle inequality"),
         (robot(BASE, ONE.replace('value="2.0"', 'value="0"'), A), "link 'one': mass_kg is 0"),
