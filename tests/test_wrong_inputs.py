@@ -115,6 +115,9 @@ COMMANDS = {
     "a value without its key": (drive_profiles, ("set", "gain", "--node", "2", *NOWHERE), 2, "'gain': expected OBJECT=VALUE"),
     "no such profile": (drive_profiles, ("show", "cake"), 2, "no drive profile 'cake'; available: copley_plus"),
     "no such interface": (drive_profiles, ("scan", "--bus", "cake:1"), 2, "unknown interface 'cake'; expected one of local"),
+    "a notch at no speed": (
+        drive_profiles, ("realise", "emulated_drive", "--speed-rps", "-1"), 2, "--speed-rps: -1 must be positive",
+    ),
     "a notch that lifts": (
         drive_profiles, ("realise", "emulated_drive", "--speed-rps", "5.9", "--zeta-rn", "5"), 2,
         "zeta_zero = 5 must be below zeta_pole = 0.1 to make a notch",
