@@ -276,8 +276,11 @@ def _server(
             faults = None
             if faults_file is not None:
                 from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
+                from plant_emulator.bus.instant import FIRST_CLIENT  # noqa: PLC0415
 
-                faults = load(faults_file, FaultsFile).faults()
+                file = load(faults_file, FaultsFile)
+                file.check_ports(world.node_ids, FIRST_CLIENT)
+                faults = file.faults()
             medium = medium_for(world, address.bitrate, wall=wall, host_latency_s=host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
         if wall or host_latency_s or faults_file is not None:
