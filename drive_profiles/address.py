@@ -187,3 +187,11 @@ def choose_bus(
     (origin, address), others = given[0], given[1:]
     check_interface(address, origin)
     return BusChoice(address, origin, tuple(other for other in others if not _is_same(other[1], address)))
+
+
+_ERRNO = re.compile(r"\[Errno \d+\] ")
+
+
+def without_errno(words: str) -> str:
+    """Return why an address has no bus, without the numbers that Python puts before an error of the system."""
+    return _ERRNO.sub("", words)

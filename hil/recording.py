@@ -109,13 +109,15 @@ def load_columns(path: Path) -> dict[str, Real]:
         ValueError: It holds something else; the message has its name.
     """
     with path.open(newline="", encoding="utf-8") as file:
-        names = next(csv.reader([file.readline()]), [])
-        begin = file.tell()
-        if not file.read(1):
-            raise ValueError(f"{path}: no row of numbers; a run that is stopped at once leaves none")
-        file.seek(begin)
         try:
+            names = next(csv.reader([file.readline()]), [])
+            begin = file.tell()
+            if not file.read(1):
+                raise ValueError("no row of numbers; a run that is stopped at once leaves none")
+            file.seek(begin)
             values = np.loadtxt(file, delimiter=",", ndmin=2)
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: not a recording: not text in UTF-8") from error
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
     if values.shape[1] != len(names):

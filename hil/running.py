@@ -5,7 +5,9 @@ Result and recording are objects.
 
 import math
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
+from typing import get_args
 
 from drive_profiles.address import LOCAL, choose_bus, parse_address
 from hil.analysis import band_passed
@@ -23,6 +25,7 @@ from hil.tip_vector import displacement_mm, tip_acceleration
 
 DISPLACEMENT = "tip_displacement_mm"
 """Column of the tip's displacement, by which a run is judged."""
+LOOPS: tuple[LoopName, ...] = get_args(LoopName)
 EXPERIMENTS = (CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT)
 
 
@@ -82,14 +85,20 @@ def run(
         yes: True to move a robot on another bus than a local one, where robots are emulated.
 
     Raises:
-        ValueError: There is no such experiment or treatment, or the axis does not go with it.
+        ValueError: There is no such experiment, treatment, loop or bus address, or the axis does not go with it.
+        DriveProfileError: A file cannot be used.
+        ChannelError: There is no bus.
         NotPossibleError: Something is missing for it, or a robot would move that may be real, and `yes` is not given.
-        HilError: A limit, a node or the bus does not allow it; or the run was stopped: the folder then has all of it.
+        HilError: A limit or a node does not allow it; or the run was stopped: the folder then has all of it.
     """
     if experiment not in EXPERIMENTS:
         raise ValueError(f"experiment {experiment!r}: expected {', '.join(EXPERIMENTS)}")
     if treatment not in TREATMENTS:
         raise ValueError(f"treatment {treatment!r}: expected {', '.join(TREATMENTS)}")
+    if loop not in LOOPS:
+        raise ValueError(f"loop {loop!r}: expected {', '.join(LOOPS)}")
+    if not isinstance(repeat, Integral) or repeat < 1:
+        raise ValueError(f"repeat {repeat!r}: expected a whole number of at least 1")
     if (experiment == LINE_MOTION) != (axis is None):
         raise ValueError("a line-motion takes no axis" if axis is not None else f"{experiment} needs an axis")
     bench = load_bench(bench_file)

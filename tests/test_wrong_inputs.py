@@ -62,21 +62,32 @@ COMMANDS = {
     "an empty file": (hil, (*TREATED, "notch-designed", "--design", "empty.toml"), 3, "empty.toml:1: robot: is missing"),
     "no TOML": (hil, (*TREATED, "cancellation", "--model", "words.toml"), 3, "words.toml:1: Expected '='"),
     "a file that is missing": (hil, (*TREATED, "none", "--model", "no.toml"), 3, "no.toml: cannot be read"),
-    "a file of another kind": (hil, (*TREATED, "none", "--model", "bench.toml"), 3, "geometry: unknown key 'geometry'"),
+    "a file of another kind": (hil, (*TREATED, "none", "--model", "bench.toml"), 3, "is a bench file; expected a model file"),
     "a model file to write": (hil, (*IDENTIFY, "--model", "words.toml"), 3, "words.toml:1: Expected '='"),
     "a folder that is missing": (hil, (*IDENTIFY, "--model", "/no/m.toml"), 3, "/no/m.toml: cannot be written: there is no"),
     "an option that is no number": (hil, (*IDENTIFY, "--bias-rps", "nan"), 2, "--bias-rps: 'nan': expected a finite number"),
     "a number out of range": (hil, (*RUN, "--repeat", "0"), 2, "'0': expected at least 1"),
     "an order of 0": (hil, ("identify", "ate", "--axis", "2", "--bench", "reference", "--orders", "0"), 2, "must be above 0"),
     "a folder as a log": (hil, ("explain", "old"), 3, "old: is a folder; expected a log of a bus"),
+    "a device as a log": (hil, ("explain", "/dev/null"), 3, "/dev/null: is a device; expected a log of a bus"),
+    "a device to export": (hil, ("export", "/dev/null", "--to", "x.mcap"), 3, "/dev/null: is a device; expected a log of a bus"),
+    "an export onto its source": (hil, ("export", "log.mf4", "--to", "log.mf4"), 2, "log.mf4: is the source itself; expected"),
+    "a folder to show that is missing": (hil, ("scope", "no"), 2, "'no' does not exist"),
+    "a file to show": (hil, ("scope", "x.log"), 2, "'x.log' is a file"),
+    "a node that none can be": (hil, ("scope", *NOWHERE, "--ask", "2,²"), 2, "--ask: '²' is not a node-ID; expected 1 to 127"),
     "a file as a bus": (hil, (*RUN, "--bus", "local:x.log"), 4, "x.log is a file; expected the socket of an emulator"),
     "a folder as a bus": (hil, (*RUN, "--bus", "local:old"), 4, "old is a folder; expected the socket of an emulator"),
     "no adapter": (
         hil, (*RUN, "--bus", "slcan:/dev/no@1M"), 4, "no bus at slcan:/dev/no@1M: could not open port /dev/no: No such file",
     ),
+    "no adapter to scan": (
+        drive_profiles, ("scan", "--bus", "slcan:/dev/no@1M"), 4,
+        "no bus at slcan:/dev/no@1M: could not open port /dev/no: No such file",
+    ),
     "no log": (hil, ("explain", "x.log"), 3, "x.log: no frame in it: none of its 2 lines is a line of candump"),
     "a design file to write": (
-        hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--design", "bench.toml"), 3, "unknown key 'geometry'",
+        hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--design", "bench.toml"), 3,
+        "bench.toml: is a bench file; expected a design file",
     ),
     "a recording without the motor": (
         hil, ("identify", "ate", "--axis", "2", "--recording", "columns.csv", "--bench", "reference", "--model", "m.toml"), 3,
@@ -104,6 +115,9 @@ COMMANDS = {
     "a value without its key": (drive_profiles, ("set", "gain", "--node", "2", *NOWHERE), 2, "'gain': expected OBJECT=VALUE"),
     "no such profile": (drive_profiles, ("show", "cake"), 2, "no drive profile 'cake'; available: copley_plus"),
     "no such interface": (drive_profiles, ("scan", "--bus", "cake:1"), 2, "unknown interface 'cake'; expected one of local"),
+    "a notch at no speed": (
+        drive_profiles, ("realise", "emulated_drive", "--speed-rps", "-1"), 2, "--speed-rps: -1 must be positive",
+    ),
     "a notch that lifts": (
         drive_profiles, ("realise", "emulated_drive", "--speed-rps", "5.9", "--zeta-rn", "5"), 2,
         "zeta_zero = 5 must be below zeta_pole = 0.1 to make a notch",
@@ -113,7 +127,7 @@ COMMANDS = {
     ),
     "a file for a backup": (drive_profiles, ("backup", "--out", "x.log", *NOWHERE), 3, "x.log is a file; expected a folder"),
     "a file for pages": (drive_profiles, ("pages", "--out", "x.log"), 3, "x.log is a file; expected a folder"),
-    "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "unknown key 'geometry'"),
+    "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "is a bench file; expected a"),
     "an assignment that is none": (plant_emulator, ("serve", "--drive", "3:x"), 2, "--drive 3:x: expected AXIS=VALUE, such as"),
     "a file to serve on": (
         plant_emulator, ("serve", "--bus", "local:x.log"), 4, "cannot serve local:x.log: x.log is a file; choose another path",
@@ -130,7 +144,7 @@ COMMANDS = {
         plant_emulator, ("simulate", "--robot", "reference-arm", "--out", "o.csv"), 3, "a simulation needs the gains: add [axis.",
     ),
     "seeds backwards": (plant_emulator, ("fleet", "--seeds", "3-1", "--out", "q"), 2, "3-1 ends before it begins"),
-    "a robot that is a bench": (plant_emulator, ("serve", "--robot", "bench.toml"), 3, "axis.2.limits: unknown key 'limits'"),
+    "a robot that is a bench": (plant_emulator, ("serve", "--robot", "bench.toml"), 3, "is a bench file; expected a robot file"),
 }  # fmt: skip
 
 

@@ -53,8 +53,9 @@ def realise(
 
     with exit_on_error():
         profile = Profile.load(name)
-    if period_us is not None and not period_us > 0.0:
-        raise typer.BadParameter(f"{period_us} must be positive", param_hint="--period-us")
+    for value, option in ((speed_rps, "--speed-rps"), (period_us, "--period-us")):
+        if value is not None and not value > 0.0:
+            raise typer.BadParameter(f"{value:g} must be positive", param_hint=option)
     try:
         target = NotchTarget.at_speed(order, speed_rps, offset_hz, zeta_rn, zeta_rd)
     except ValueError as error:

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import can
 
-from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address
+from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address, without_errno
 from drive_profiles.device.sdo import ForeignRequests, SdoPort
 from drive_profiles.errors import BusError
 from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
@@ -94,7 +94,7 @@ class SdoBus:
                 **settings,
             )
         except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
-            said = str(error)
+            said = without_errno(str(error))
             is_named = f"{parsed.interface}:{parsed.channel}" in said
             raise BusError(said if is_named else f"no bus at {self.address}: {said}") from error
         self._lines: dict[int, _Line] = {}

@@ -47,7 +47,11 @@ def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
     return data
 
 
+def kind_of(mode: int) -> str:
+    """Return the words for what is no regular file, by its `st_mode`."""
+    return _KINDS.get(stat.S_IFMT(mode), "something else")
+
+
 def _refuse_all_but_files(path: Path, mode: int, expected: str) -> None:
     if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        raise FileError(path, (Problem(0, "", f"cannot be read: it is {kind}, not a file", expected),))
+        raise FileError(path, (Problem(0, "", f"cannot be read: it is {kind_of(mode)}, not a file", expected),))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import secrets
@@ -100,6 +101,16 @@ def check_writable(path: Path) -> None:
             file.flush()
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise _unwritable(path, error) from error
+
+
+def check_folder(path: Path) -> None:
+    """Check that the folder exists in which a socket or a link is to be made.
+
+    Raises:
+        FileNotFoundError: It does not.
+    """
+    if not (folder := path.absolute().parent).is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {folder}; make it first, or choose another path")
 
 
 def _unwritable(path: Path, error: OSError | ValueError) -> FileError:

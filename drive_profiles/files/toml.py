@@ -21,6 +21,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import pydantic
 
 from drive_profiles.errors import FileError, Problem
+from drive_profiles.files.kinds import mistaken
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.toml_lines import KeyPath, key_lines
 
@@ -163,6 +164,9 @@ def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
     try:
         result = model.model_validate_json(encoded, strict=True)
     except pydantic.ValidationError as error:
+        other = mistaken(lines, lambda mark: _has(model, mark))
+        if other is not None:
+            raise FileError(path, (Problem(0, "", f"is {other[0]}", other[1]),)) from None
         raise FileError(path, tuple(sorted((*twice, *_problems(error, model, lines))))) from None
     if twice:
         raise FileError(path, twice)
@@ -345,6 +349,14 @@ def _annotations(model: object, location: KeyPath) -> list[Any]:
         deeper = [leaf for annotation in here for step in _step(annotation, part) for leaf in _flat(step)]
         here = deeper or here  # names of union members are not a step into the file
     return here
+
+
+def _has(model: object, mark: KeyPath) -> bool:
+    """Return True if the model allows a path, whose `kinds.ANY` is any key of a table of tables."""
+    here = list(_flat(model))
+    for part in mark:
+        here = [leaf for each in here for step in _step(each, part) for leaf in _flat(step)]
+    return bool(here)
 
 
 def _step(annotation: Any, part: str | int) -> Iterator[Any]:

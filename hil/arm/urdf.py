@@ -19,6 +19,7 @@ from pydantic import ValidationError
 
 from drive_profiles.errors import FileError, Problem
 from drive_profiles.files.reading import read_file
+from drive_profiles.files.toml import wrong_value
 from drive_profiles.files.xml_tree import Element, parse
 from hil.arm.bodies import LARGEST, Body, Inertia, Vector, merged, moved
 from hil.arm.rotation import roll_pitch_yaw, rotation
@@ -87,13 +88,16 @@ def with_links(arm: ArmTable, folder: Path, joints: Mapping[str, int]) -> tuple[
     turn, origin = chain.tip
     tip_m = origin + turn @ np.array(arm.tip_m)
     tool = turn @ rotation(*map(math.radians, arm.tip_rpy_deg))
-    found = ArmTable(
-        link=chain.links,
-        tip_m=_vector(tip_m),
-        tip_rpy_deg=_vector(np.degrees(roll_pitch_yaw(tool))),
-        home_deg=arm.home_deg,
-        gravity_m_s2=arm.gravity_m_s2,
-    )
+    try:
+        found = ArmTable(
+            link=chain.links,
+            tip_m=_vector(tip_m),
+            tip_rpy_deg=_vector(np.degrees(roll_pitch_yaw(tool))),
+            home_deg=arm.home_deg,
+            gravity_m_s2=arm.gravity_m_s2,
+        )
+    except ValidationError as error:
+        raise ValueError("; ".join(wrong_value(each)[0] for each in error.errors(include_url=False))) from None
     payload = None if arm.payload is None else moved(arm.payload, turn, origin)
     return found.model_copy(update={"payload": payload}), chain.reductions
 
@@ -326,7 +330,8 @@ def _body(file: _File, link: str) -> Body | None:
     except ValidationError as error:
         said = error.errors(include_url=False)[0]
         key = ".".join(map(str, said["loc"]))
-        file.refuse(element, what, f"{f'{key}: ' if key else ''}{said['msg'].removeprefix('Value error, ')}", "a body")
+        found, expected = wrong_value(dict(said))
+        file.refuse(element, what, f"{key}: {found}" if key else found, expected or "a body")
     return moved(body, turn, origin)
 
 

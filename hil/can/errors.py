@@ -1,11 +1,6 @@
 """Errors of a bus."""
 
-import re
-
-from drive_profiles.address import Address
-
-_ERRNO = re.compile(r"\[Errno \d+\] ")
-"""The number that Python puts before the words of an error of the system."""
+from drive_profiles.address import Address, without_errno
 
 
 class ChannelError(Exception):
@@ -16,7 +11,7 @@ class BusUnavailableError(ChannelError):
     """The bus could not be opened."""
 
     def __init__(self, address: Address, reason: str) -> None:
-        self.address, self.reason = address, _ERRNO.sub("", reason)
+        self.address, self.reason = address, without_errno(reason)
         super().__init__(f"no bus at {address}: {self.reason}")
 
 

@@ -1,5 +1,6 @@
 """Measurement on a bench, shared by all commands."""
 
+import contextlib
 import datetime
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -89,6 +90,7 @@ class Measurement(Generic[R]):
         self._bench, self._out, self._make_result, self._file_name = bench, out, make_result, file_name
         self._given, self._reporter = channel, reporter
         self._has_saved = False
+        self._made: list[Path] = []
         self.failure: Exception | None = None
         self.shows_filter: list[bool] = []
         self.started = datetime.datetime.now(datetime.UTC)
@@ -101,10 +103,16 @@ class Measurement(Generic[R]):
             FileError: Nothing can be written in it.
             ChannelError: The bus cannot be opened.
         """
-        (self._out / "runs").mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a directory
+        runs = self._out / "runs"
+        self._made = [folder for folder in (runs, self._out) if not folder.exists()]
+        runs.mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a directory
         check_writable(self._out / self._file_name)
-        check_writable(self._out / "runs" / "recording.csv")
-        self._channel = open_channel(parse_address(self._bench.bus.address)) if self._given is None else self._given
+        check_writable(runs / "recording.csv")
+        try:
+            self._channel = open_channel(parse_address(self._bench.bus.address)) if self._given is None else self._given
+        except BaseException:
+            self._remove_empty()
+            raise
         self.result = self._make_result(MeasuredBench.of(self._bench, self.started, is_lock_step=self._channel.is_lock_step))
         return self
 
@@ -117,12 +125,19 @@ class Measurement(Generic[R]):
             self._channel.close()
         if error is not None:
             if not self._has_saved and not isinstance(error, SafetyStopError):
+                self._remove_empty()
                 return False
             self.result.note_failure(error)
         self.result.write(self._out / self._file_name)
         if isinstance(error, Exception):
             self.failure = error
         return self.failure is not None
+
+    def _remove_empty(self) -> None:
+        """Remove the directories that it has made, if nothing is in them."""
+        with contextlib.suppress(OSError):
+            for folder in self._made:
+                folder.rmdir()
 
     def check_clock(self, wanted: ClockName | None) -> None:
         """Refuse a bus whose clock is not the wanted one.

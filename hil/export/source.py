@@ -56,7 +56,7 @@ def mapping_of(path: Path, known: Known) -> Decoded:
     log = path / LOG_FILE if path.is_dir() else path
     if log.suffix == RECORDING_SUFFIX:
         raise ExportError(path, f"a recording has no frames; give {LOG_FILE} of its run")
-    if not log.is_file():
+    if not log.exists():
         raise ExportError(log, f"no such file; hil run writes {LOG_FILE} beside its result")
     trace = Trace(open_log(log, interface=known.interface), known.descriptions)
     return decoded(trace, known.bench or bench_beside(log))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from drive_profiles.files.reading import kind_of
 from drive_profiles.python_can import with_mf4
 from hil.can.frame import MAX_DATA_LENGTH
 from hil.errors import LogError
@@ -41,7 +42,9 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
     """
     suffix = path.suffix.lower()
     if not path.is_file():
-        raise LogError(path, "is a folder; expected a log of a bus, such as its bus.log" if path.is_dir() else "no such file")
+        if not path.exists():
+            raise LogError(path, "no such file")
+        raise LogError(path, f"is {kind_of(path.stat().st_mode)}; expected a log of a bus, such as its bus.log")
     counters = np.zeros(candump.COUNTED, np.int64)
     ended: list[str] = []
     if suffix in FOREIGN:

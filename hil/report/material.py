@@ -246,7 +246,7 @@ class Material:
                 warnings.simplefilter("ignore", UserWarning)  # numpy warns of a file without rows, which is said below
                 recording = Recording.load(self.directory / name)
         except (OSError, ValueError) as error:
-            self.notes.append(f"{name} cannot be read: {error}")
+            self.notes.append(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}")
             return None
         needed = {"tip_z_m_s2"} | (set() if axis is None else {f"axis{axis}_position_rad"})
         lacking = sorted(needed - set(recording.columns))

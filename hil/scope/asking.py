@@ -7,7 +7,7 @@ import contextlib
 
 from drive_profiles.address import Address
 from hil.can.opening import open_channel
-from hil.errors import HilError, NotPossibleError
+from hil.errors import HilError
 from hil.logs.nodes import COMMUNICATION_PARAMETERS, MAPPING_PARAMETERS
 from hil.master.network import Network
 from hil.master.sensor import DIGITS_OBJECT, UNIT_OBJECT
@@ -24,12 +24,12 @@ def nodes_from(text: str) -> tuple[int, ...]:
     """Node-IDs of `2,3`; empty for none.
 
     Raises:
-        NotPossibleError: One is none.
+        ValueError: One is none.
     """
     found = []
     for part in filter(None, (each.strip() for each in text.split(","))):
-        if not part.isdigit() or int(part) not in _NODES:
-            raise NotPossibleError(f"--ask {text}: {part} is not a node-ID; expected 1 to 127")
+        if not (part.isascii() and part.isdigit()) or int(part) not in _NODES:
+            raise ValueError(f"{part!r} is not a node-ID; expected 1 to 127")
         found.append(int(part))
     return tuple(dict.fromkeys(found))
 

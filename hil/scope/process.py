@@ -14,6 +14,8 @@ from hil.emulator import end
 from hil.errors import NotPossibleError
 
 SCOPE_START_S = 60.0
+SAID_ALREADY = ", from --bus"
+"""Part of the line that names the bus: the command that starts the process has said it."""
 
 
 class ScopeProcess:
@@ -44,7 +46,8 @@ class ScopeProcess:
             if not self.url:
                 self.__exit__(None, None, None)
                 errors.seek(0)
-                said = errors.read().strip() or f"it did not start to listen within {SCOPE_START_S:g} s"
+                own = [line for line in errors if SAID_ALREADY not in line]
+                said = "".join(own).strip() or f"it did not start to listen within {SCOPE_START_S:g} s"
                 raise NotPossibleError(f"the live page cannot start, and nothing has moved: {said}")
         return self
 

@@ -261,7 +261,7 @@ class ScopeServer:
         try:
             sockets = bind_sockets(port, LOOPBACK)
         except OSError as error:
-            raise NotPossibleError(f"port {port} of {LOOPBACK}: {error.strerror or error}; --port 0 takes a free one") from error
+            raise NotPossibleError(f"port {port} of {LOOPBACK}: {error.strerror or error}; port 0 takes a free one") from error
         self.port: int = sockets[0].getsockname()[1]
         self._viewers: set[_Viewer] = set()
         self._choose, self._runs = choose, runs

@@ -19,7 +19,7 @@ bus for a time: mute, babble, stuck, bus_off. Times count in the time of the wir
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
@@ -187,6 +187,19 @@ class FaultsFile(Table):
     def faults(self) -> BusFaults:
         """Return the fault source for a new wire."""
         return BusFaults(self.fault, self.seed)
+
+    def check_ports(self, nodes: Sequence[int], first_client: int) -> None:
+        """Refuse a fault at the port of a node that the robot does not have: it would never come.
+
+        A stranger may babble; ports from `first_client` on are those of clients.
+
+        Raises:
+            ValueError: The message names the fault and the nodes.
+        """
+        for index, fault in enumerate(self.fault):
+            if fault.port is not None and fault.port < first_client and fault.port not in nodes and fault.kind != "babble":
+                there = ", ".join(map(str, nodes))
+                raise ValueError(f"fault[{index}]: port {fault.port} is of no node; the robot has nodes {there}")
 
 
 class BusFaults:

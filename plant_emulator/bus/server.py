@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from operator import itemgetter
 from pathlib import Path
 
+from drive_profiles.files.safefile import check_folder
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, frames_of, pack
@@ -324,8 +325,7 @@ def _listen(path: str, *, stream: bool) -> socket.socket:
         Path(path).unlink()
     if Path(path).exists():
         raise OSError(errno.EEXIST, f"{path} is a {'folder' if Path(path).is_dir() else 'file'}; choose another path")
-    if not (folder := Path(path).absolute().parent).is_dir():
-        raise OSError(errno.ENOENT, f"there is no folder {folder}; make it first, or choose another path")
+    check_folder(Path(path))
     unfinished = path[:-1] + ("~" if path[-1] != "~" else "-")  # as long as the path, whose length is limited
     if Path(unfinished).is_socket() and not _answers(unfinished):
         Path(unfinished).unlink()

@@ -32,7 +32,6 @@ EPILOG = ends(
 
 ARMS = "arms"
 """What the settings of a rehearsal of arms have for a kind."""
-CLAIMS_FILE, PAGE_FILE = "claims.json", "report.html"
 SeedsOption = Annotated[str | None, typer.Option("--seeds", metavar="SEEDS", help="Seeds of the robots: 7, 1-1000, 1-40,50.")]
 ArmsOption = Annotated[
     bool, typer.Option("--arms", help="Whole arms: learn on their line, test on others; seed 0 is the reference arm.")
@@ -155,6 +154,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     from plant_emulator.rehearsal.arms.summary import arm_claims, arm_sections
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import sections, write_page
+    from plant_emulator.rehearsal.many.rows import CLAIMS_FILE, PAGE_FILE
     from plant_emulator.trials.page import as_markdown as tables_as_markdown
     from plant_emulator.trials.rows import write_table
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import os
 import signal
 import sys
 from pathlib import Path
@@ -275,8 +276,11 @@ def _server(
             faults = None
             if faults_file is not None:
                 from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
+                from plant_emulator.bus.instant import FIRST_CLIENT  # noqa: PLC0415
 
-                faults = load(faults_file, FaultsFile).faults()
+                file = load(faults_file, FaultsFile)
+                file.check_ports(world.node_ids, FIRST_CLIENT)
+                faults = file.faults()
             medium = medium_for(world, address.bitrate, wall=wall, host_latency_s=host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
         if wall or host_latency_s or faults_file is not None:
@@ -317,7 +321,7 @@ def _open_ports(
             sensor.write = terminal.write
             typer.echo(f"serial accelerometer at {accelerometer}")
     except (ImportError, AttributeError, OSError) as error:
-        raise fail(f"no serial port: {error}", EmulatorExitStatus.BUS) from None
+        raise fail(f"no serial port: {getattr(error, 'strerror', None) or error}", EmulatorExitStatus.BUS) from None
 
 
 def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
@@ -331,6 +335,7 @@ def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | 
     try:
         listener = VirtualcanListener(host, port, lambda line: typer.echo(line, err=True))
     except OSError as error:
-        raise fail(f"--virtualcan {host}:{port}: {error.strerror or error}", EmulatorExitStatus.BUS) from None
+        words = os.strerror(error.errno or 0)  # its own words name the port again
+        raise fail(f"--virtualcan {host}:{port}: {words}; --virtualcan 0 takes a free port", EmulatorExitStatus.BUS) from None
     server.open(listener)
     typer.echo(f"virtualcan: {listener}")

@@ -21,6 +21,7 @@ from hil.bench.bench import Limits
 from hil.can.errors import ChannelError
 from hil.control.trajectory import Smooth, sample_times
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError
+from hil.experiments.move import check_position
 from hil.master.control_words import SHUTDOWN
 from hil.master.drive.axis import DriveAxis
 from hil.master.motion import Motion
@@ -198,6 +199,7 @@ class EnabledDrive:
             UnsafeRequestError: It would leave a limit; it stays where it is.
             SafetyStopError: Something stops it before its target; it is disabled.
         """
+        check_position(self.number, position_rev, self.axis.table.limits)  # before a way of any length is planned
         distance = math.tau * position_rev - self._reference
         period = self._run.period_s
         most_rps_s = self.axis.table.limits.acceleration_rps_s

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, field_validator
 
 from drive_profiles.files.toml import Table, load
 from hil.control.notch import NOTCHES
-from hil.robot_tables import Control, NotchTable
+from hil.robot_tables import AxisNumber, Control, NotchTable
 from plant_emulator.robots.robot import Robot
 
 
@@ -42,7 +42,7 @@ class Tuning(Table):
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
-    axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], TunedAxis], Field(min_length=1)]
+    axis: Annotated[dict[AxisNumber, TunedAxis], Field(min_length=1)]
 
     def gains(self, axes: Iterable[int]) -> dict[int, Control]:
         """Return the gains of these axes.

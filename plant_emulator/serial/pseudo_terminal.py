@@ -5,6 +5,8 @@ import os
 import tty
 from pathlib import Path
 
+from drive_profiles.files.safefile import check_folder
+
 MAX_BACKLOG_BYTES = 1 << 16
 READ_BYTES = 4096
 
@@ -50,6 +52,7 @@ class PseudoTerminal:
             path.unlink()
         elif path.is_symlink() or path.exists():
             raise FileExistsError(f"{link} exists and is not a link to a pseudo-terminal; choose another path")
+        check_folder(path)
         path.symlink_to(self._name)
         return link
 

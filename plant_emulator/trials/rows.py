@@ -139,15 +139,19 @@ def parquet_bytes(rows: Sequence[Row]) -> bytes:
     return bytes(out.getvalue().to_pybytes())
 
 
+TABLES = ("robots.csv", "robots.parquet")
+"""Files of a table."""
+
+
 def write_table(folder: Path, rows: Sequence[Row]) -> list[Path]:
     """Write `robots.csv` and, if possible, `robots.parquet`; return the files.
 
     Raises:
         FileError: A file cannot be written.
     """
-    written = [folder / "robots.csv"]
+    written = [folder / TABLES[0]]
     write_atomically(written[0], csv_text(rows).encode(), force=True)
     if has_parquet():
-        written.append(folder / "robots.parquet")
+        written.append(folder / TABLES[1])
         write_atomically(written[1], parquet_bytes(rows), force=True)
     return written

@@ -19,3 +19,11 @@ def test_columns_without_a_row_say_so(tmp_path):
     save_columns(path, {"time_s": np.empty(0), "speed_rps": np.empty(0)})
     with pytest.raises(ValueError, match=r"run\.csv: no row of numbers; a run that is stopped at once"):
         load_columns(path)
+
+
+@pytest.mark.parametrize("junk", [b"\xd0\x00,b\n1,2\n", b"time_s\n\xd0\n"])
+def test_a_file_that_is_no_text_is_named(tmp_path, junk):
+    path = tmp_path / "run.csv"
+    path.write_bytes(junk)
+    with pytest.raises(ValueError, match=r"run\.csv: not a recording: not text in UTF-8"):
+        load_columns(path)

@@ -9,6 +9,7 @@ import pytest
 
 import hil
 from hil.analysis import TipScale, speed_window, tip_displacement_mm
+from hil.can.errors import ChannelError
 from hil.errors import NotPossibleError
 from hil.recording import Recording
 from hil.running import DISPLACEMENT, with_displacement
@@ -34,6 +35,8 @@ def test_what_is_not_there_is_an_attribute_error() -> None:
         ("constant-acceleration", {}, "needs an axis"),
         ("line-motion", {"axis": 2}, "takes no axis"),
         ("constant-acceleration", {"axis": 2, "treatment": "hope"}, "treatment 'hope': expected none"),
+        ("constant-acceleration", {"axis": 2, "loop": "Host"}, "loop 'Host': expected drive, host"),
+        ("constant-acceleration", {"axis": 2, "repeat": 0}, "repeat 0: expected a whole number of at least 1"),
     ],
 )
 def test_words_that_mean_nothing_are_refused(experiment: str, options: dict[str, object], said: str) -> None:
@@ -45,6 +48,15 @@ def test_a_robot_that_may_be_real_moves_only_with_a_yes(tmp_path: Path) -> None:
     with pytest.raises(NotPossibleError, match=r"moves the robot on socketcan:can7: .* yes=True"):
         hil.run("reference", "constant-acceleration", axis=2, bus="socketcan:can7", out=tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bus_that_is_not_there_is_said_and_leaves_no_folder(tmp_path: Path) -> None:
+    kept = tmp_path / "mine"
+    kept.mkdir()
+    for out in (tmp_path / "new", kept):
+        with pytest.raises(ChannelError, match=r"no bus at local:/nowhere/x\.sock"):
+            hil.run("reference", "constant-acceleration", axis=2, bus="local:/nowhere/x.sock", out=out)
+    assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
 
 
 def test_the_displacement_is_that_by_which_a_ramp_is_judged() -> None:

@@ -451,6 +451,18 @@ def test_it_can_be_switched_off(run: Run) -> None:
     result.stdout.fnmatch_lines(["*fixture 'hil_drive' not found*"])
 
 
+def test_a_position_of_no_finite_way_is_refused_by_the_limit(run: Run) -> None:
+    run(
+        "import pytest\n"
+        "from hil.errors import UnsafeRequestError\n"
+        "@pytest.mark.parametrize('to_rev', [float('nan'), float('inf'), 1e7])\n"
+        "def test_it(hil_drive, to_rev):\n"
+        "    with pytest.raises(UnsafeRequestError, match='the position of axis 2'):\n"
+        "        hil_drive.move_to(to_rev)\n"
+        "    assert hil_drive.is_enabled\n"
+    ).assert_outcomes(passed=3)
+
+
 @pytest.mark.slow
 def test_workers_have_a_robot_each(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(PASSES + "def test_again(hil_drive): hil_drive.move_by(0.5)\ndef test_bad(hil_drive): assert 0\n")

@@ -289,6 +289,7 @@ def test_the_command_refuses_what_cannot_be_with_the_reason(tmp_path):
         2, "--virtualcan needs a bus local:PATH, not socketcan:vcan0\n"
     )  # fmt: skip
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        code, output = refused("--bus", local, "--virtualcan", str(taken.getsockname()[1]))
+        port = taken.getsockname()[1]
+        code, output = refused("--bus", local, "--virtualcan", str(port))
     assert code == 4
-    assert "in use" in output
+    assert f"--virtualcan 127.0.0.1:{port}: Address already in use; --virtualcan 0 takes a free port\n" in output

@@ -71,6 +71,8 @@ def export(
     for file in files:
         if file.suffix.lower() not in FORMATS:
             raise typer.BadParameter(f"{file}: unknown suffix; expected one of {', '.join(FORMATS)}", param_hint="--to")
+        if file.resolve() == source.resolve():
+            raise typer.BadParameter(f"{file}: is the source itself; expected another file", param_hint="--to")
     if not files and plotjuggler is None and layout is None:
         raise typer.BadParameter("nothing to write; give --to FILE, --plotjuggler HOST:PORT or --plotjuggler-layout FILE")
     address = None if plotjuggler is None else _address(plotjuggler)

@@ -37,7 +37,8 @@ SCOPE_EPILOG = epilog(
 @command(epilog=SCOPE_EPILOG)
 def scope(
     directory: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run to show; default: the bus.")
+        Path | None,
+        typer.Argument(metavar="[DIR]", exists=True, file_okay=False, help="Directory of a run to show; default: the bus."),
     ] = None,
     bus: BusOption = None,
     bench_file: OptionalBenchOption = None,
@@ -115,7 +116,10 @@ def _show_bus(
     if choice is None:
         raise fail(f"no bus is given; give --bus ADDRESS or --bench FILE, or set {BUS_VARIABLE}", ExitStatus.USAGE)
     say(str(choice))
-    asked = nodes_from(ask)
+    try:
+        asked = nodes_from(ask)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--ask") from None
     known = dict(description_from(text) for text in descriptions)
     address = parse_address(choice.address)
     listener = open_listener(address)

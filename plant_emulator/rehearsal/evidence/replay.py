@@ -93,8 +93,8 @@ def record(seeds: Sequence[int], kind: str, folder: Path) -> Iterator[tuple[int,
 
 
 def recorded_robots(folder: Path) -> list[RecordedRobot]:
-    """Return the complete robots of a folder, by name."""
-    found = [RecordedRobot(path) for path in sorted(folder.iterdir()) if path.is_dir()]
+    """Return the complete robots of a folder, by name; none of a folder that is missing."""
+    found = [RecordedRobot(path) for path in sorted(folder.glob("*")) if path.is_dir()]
     return [each for each in found if each.is_complete]
 
 

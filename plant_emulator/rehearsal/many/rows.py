@@ -10,7 +10,7 @@ from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically, write_json
 from plant_emulator.trials.executors import CRASHED_WORDS
-from plant_emulator.trials.rows import Row, Value
+from plant_emulator.trials.rows import TABLES, Row, Value
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 """Ends of a robot's path: at its end, by an internal error, with its process."""
@@ -19,6 +19,9 @@ WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 MAX_ROW_BYTES = 1_000_000
 EXPECTED = "a file of plant-emulator rehearse"
 SETTINGS_FILE = "rehearsal.json"
+CLAIMS_FILE, PAGE_FILE = "claims.json", "report.html"
+WRITTEN = (*TABLES, CLAIMS_FILE, PAGE_FILE)
+"""Files of all robots together: table, claims and report."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,8 @@ class Kept:
         """Begin a rehearsal in a folder, or resume one.
 
         Raises:
-            RefusedError: There are rows already and `resume` is not given, or they were made with other settings.
+            RefusedError: There are rows already and `resume` is not given, or they were made with other settings. Or the folder
+                has a file of another command that would be replaced.
             FileError: The folder cannot be read or written.
         """
         path = self.folder / SETTINGS_FILE
@@ -63,6 +67,9 @@ class Kept:
         if not path.exists() or not has_rows:
             if has_rows:
                 raise RefusedError(f"{self.folder} has robots but no {SETTINGS_FILE}; choose another folder")
+            foreign = [name for name in WRITTEN if (self.folder / name).exists()]
+            if foreign and not path.exists():
+                raise RefusedError(f"{self.folder} has a {foreign[0]} of another command; choose another folder")
             write_json(path, asdict(settings), force=True)
             return
         before = self.settings()

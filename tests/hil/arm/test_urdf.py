@@ -116,7 +116,7 @@ B = joint_xml("b", "continuous", "one", "two")
         (robot(BASE, ONE, A.replace('xyz="0 0 1"', 'xyz="0 0 nan"')), "three numbers"),
         (robot(BASE, ONE, A.replace('velocity="2.5"', 'velocity="-1"')), "joint 'a': has the velocity -1 rad/s"),
         (robot(BASE, ONE, TWO, A, joint_xml("b", "continuous", "base", "two")), "joint 'b': branches off beside 'a'"),
-        (robot(BASE, ONE.replace('value="2.0"', 'value="-2.0"'), A), "link 'one': mass_kg: .*greater than or equal to 0"),
+        (robot(BASE, ONE.replace('value="2.0"', 'value="-2.0"'), A), r"link 'one': mass_kg: found -2\.0; expected at least 0"),
         (robot(BASE, ONE.replace('value="2.0"', 'value="much"'), A), "link 'one': <mass> has value='much'"),
         (robot(BASE, ONE.replace('izz="', 'izz="9'), A), r"link 'one': .*triangle inequality"),
         (robot(BASE, ONE.replace('value="2.0"', 'value="0"'), A), "link 'one': mass_kg is 0"),
@@ -139,6 +139,13 @@ B = joint_xml("b", "continuous", "one", "two")
 def test_what_describes_no_arm_is_refused_with_the_elements_name(tmp_path, text, said):
     with pytest.raises(FileError, match=said):
         read_urdf(written(tmp_path, text), {"a": 1})
+
+
+def test_a_home_that_does_not_fit_the_file_is_refused_in_one_line(tmp_path):
+    path = written(tmp_path, robot(BASE, ONE, A))
+    with pytest.raises(ValueError, match="home_deg has 2 angles for 1 links: one each, from the base on") as caught:
+        with_links(ArmTable(urdf=path.name, home_deg=(0.0, 1.0)), tmp_path, {"a": 1})
+    assert "\n" not in str(caught.value)
 
 
 def test_a_joint_that_the_file_does_not_have_is_named(tmp_path):

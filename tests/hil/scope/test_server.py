@@ -160,6 +160,15 @@ def test_a_recorded_run_is_shown_whole_in_the_same_page(tmp_path):
 
 
 @pytest.mark.ci
+def test_a_port_in_use_is_said_in_one_line_with_the_remedy(bus):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        said = rf"nothing has moved: port {port} of 127\.0\.0\.1: .* in use; port 0 takes a free one$"
+        with pytest.raises(NotPossibleError, match=said):
+            ScopeProcess(bus, "reference", port).__enter__()
+
+
+@pytest.mark.ci
 def test_a_folder_without_recordings_and_a_bus_that_is_not_there_are_said(tmp_path):
     with pytest.raises(NotPossibleError, match=r"no bus at local:/nosuch\.sock"):
         ScopeProcess("local:/nosuch.sock", "reference", 0).__enter__()

@@ -222,3 +222,13 @@ class TestFile:
         with pytest.raises(FileError, match=words) as caught:
             files.loads(f"[[fault]]\n{table}\n", FaultsFile)
         assert caught.value.problems[0].line >= 1
+
+
+def test_a_fault_at_the_port_of_no_node_is_refused_and_a_stranger_or_a_client_is_not():
+    def at(port, kind="bus_off", **more):
+        return FaultsFile(fault=(Fault(kind="drop"), Fault(kind=kind, port=port, **more)))
+
+    for file in (at(2), at(1000), at(99, "babble", can_id=0)):
+        file.check_ports([2, 3], 1000)
+    with pytest.raises(ValueError, match=r"fault\[1\]: port 99 is of no node; the robot has nodes 2, 3"):
+        at(99).check_ports([2, 3], 1000)

@@ -5,7 +5,7 @@ import pytest
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from plant_emulator.rehearsal.evidence import replay as recordings
-from plant_emulator.rehearsal.evidence.__main__ import errors_table
+from plant_emulator.rehearsal.evidence.__main__ import errors_table, given
 from plant_emulator.rehearsal.evidence.replay import HELD_OUT_FROM, REPLAYED, record, recorded_robots, replayed
 from plant_emulator.rehearsal.many.one import drawn
 
@@ -49,3 +49,21 @@ def test_a_robot_that_was_refused_has_words_and_no_estimate(tmp_path):
     assert row["words"]
     assert {row[f"{name}_estimate"] for name in REPLAYED} == {None}
     assert row["a2_arcsec_true"] == robot.axis[2].apparent_ate.a2_arcsec
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("record", "evidence", "--kind", "linear", "--seeds", str(HELD_OUT_FROM)), f"seed {HELD_OUT_FROM} is held out"),
+        (("record", "evidence", "--kind", "linear", "--seeds", "x"), "seeds x: expected a comma-separated list"),
+        (("replay", "nowhere", "--rows", "rows.json"), "nowhere has no recorded robot"),
+    ],
+)
+def test_the_command_refuses_with_the_reason_and_writes_nothing(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["evidence", *words])
+    with pytest.raises(SystemExit) as ended:
+        given()
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

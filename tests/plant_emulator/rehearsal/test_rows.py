@@ -56,6 +56,14 @@ def test_a_folder_with_a_rehearsal_is_not_taken_for_another(kept):
         kept.begin(RehearsalSettings("real", over_bus=False), resume=True)
 
 
+@pytest.mark.parametrize("name", ["robots.csv", "report.html"])
+def test_a_folder_with_the_files_of_another_command_keeps_them(tmp_path, name):
+    (tmp_path / name).write_text("of a fleet, or of a run")
+    with pytest.raises(RefusedError, match=f"has a {name} of another command; choose another folder"):
+        Kept(tmp_path).begin(SETTINGS, resume=True)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 def test_a_folder_whose_settings_are_lost_is_not_mixed(kept):
     kept.keep(row(3))
     (kept.folder / SETTINGS_FILE).unlink()

@@ -26,6 +26,13 @@ def test_drives_hold_the_gains_of_a_tuning_file_from_the_start():
     assert ROBOT.axis[2].control is None
 
 
+def test_a_tuning_file_has_every_axis_that_a_robot_can_have(tmp_path):
+    path = tmp_path / "tuning.toml"
+    gains = {"position_gain_per_s": 25.0, "velocity_gain_nm_s_rad": 0.5, "velocity_integral_gain_nm_rad": 5.0}
+    path.write_text("[axis.126.control]\n" + "".join(f"{key} = {value}\n" for key, value in gains.items()))
+    assert load_tuning(path).gains([126])[126].position_gain_per_s == 25.0
+
+
 def test_an_axis_without_gains_in_the_tuning_is_named():
     tuning = load_tuning("reference")
     without = tuning.model_copy(update={"axis": {2: tuning.axis[2]}})

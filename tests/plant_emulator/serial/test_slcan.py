@@ -356,6 +356,11 @@ def test_a_user_scans_through_the_adapter(serve, tmp_path):
     assert not tty.is_symlink()
 
 
+def test_a_path_without_a_folder_is_refused_with_the_folder(tmp_path):
+    with pytest.raises(FileNotFoundError, match=f"there is no folder {tmp_path / 'nowhere'}; make it first"):
+        PseudoTerminal(str(tmp_path / "nowhere" / "robot.tty"))
+
+
 @pytest.mark.ci
 def test_a_path_that_is_taken_is_refused(serve, tmp_path):
     (tmp_path / "taken").write_text("mine")
