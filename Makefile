@@ -33,13 +33,15 @@ $(BIN)/python -m pip --version >/dev/null 2>&1 || $(BIN)/python -m ensurepip >/d
   { echo ".venv has no pip, and its Python cannot install one (ensurepip); install pip into it, or move it away" >&2; exit 1; }
 endef
 
-.PHONY: demo live test test-all bench lint format lock clean
+.PHONY: demo live pytest test test-all bench lint format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/hil demo --out demo --force
 
 live: $(INSTALLED)
 	$(BIN)/hil demo --out demo --force --live
+
+pytest: $(TESTABLE)
 
 test: $(TESTABLE)
 	$(BIN)/python -m tests.stages $(if $(CI),ci,everyday) $(if $(SINCE),--since $(SINCE))

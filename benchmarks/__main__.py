@@ -31,15 +31,17 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "master": [(
             "The master's path",
             "One cycle is a SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo frames, in "
-            "their own process on the same core. *Ours* is `Run.follow`, a cycle a call: the exchange, the checks of "
-            "every axis, its law, and a row of the recording. *`canopen`* is the package's PDO maps and the same law on "
-            "python-can's `virtual`, as threads of one process. *Bare* writes and reads the same records, packed beforehand, "
-            "on the same kind of socket, without law or checks; no master in Python can be faster on this path.",
+            "their own process on the same core. *Ours* is `Run.follow`, in stretches as a motion passes: the exchange, the "
+            "checks of every axis, its law, a row of the recording, and the frames for the log. *A cycle a call* is the same "
+            "where something in Python acts in each cycle, as a cancellation that follows. *`canopen`* is the package's PDO "
+            "maps and the same law on python-can's `virtual`, as threads of one process. *Bare* writes and reads the same "
+            "records, packed beforehand, on the same kind of socket, without law or checks; no cycle in Python is faster on "
+            "this path.",
             master_path,
         )],
         "bench": [(
             "The whole bench",
-            "A run as `hil run` does it (session, guards, recording; without set-up and return) against the emulated "
+            "A run as `hil run` does it (session, guards, recording, log; without set-up and return) against the emulated "
             "robot: drives, accelerometer, physics. Every axis swings by a revolution of its motor, at 0.5 Hz.",
             whole_bench.whole_bench,
         )],

@@ -1,6 +1,7 @@
 """The whole bench, physics at the other end: how much faster than life a run is."""
 
 import contextlib
+import os
 import subprocess
 import sys
 import tempfile
@@ -97,7 +98,7 @@ def run(
         RuntimeError: It was stopped, or an answer is missing.
     """
     bench, clocked = bench_of(count, sync_period_s=period_s), Clocked()
-    with Session(bench, channel, BusLog(None), clocked) as session:
+    with Session(bench, channel, BusLog(Path(os.devnull)), clocked) as session:
         session.bring_up()
         result = session.run(swing(count, period_s, duration_s), "none", loop)
     if result.stopped is not None or result.missed_cycles or result.sensor_missed:

@@ -140,6 +140,36 @@ class LoggedMessage(NamedTuple):
     is_received: bool
 
 
+class LoggedCycles(NamedTuple):
+    """Records of cycles with one message each way.
+
+    Attributes:
+        time_s: Time at which the first was sent.
+        period_s: Time from a cycle's first message to its second, and to the next cycle's first.
+        records: Those of all cycles.
+        sent_bytes: Bytes of a cycle's first message.
+        cycle_bytes: Bytes of both.
+    """
+
+    time_s: float
+    period_s: float
+    records: bytes
+    sent_bytes: int
+    cycle_bytes: int
+
+    def messages(self) -> Iterator[LoggedMessage]:
+        """Yield the messages."""
+        time_s = self.time_s
+        for sent in range(0, len(self.records), self.cycle_bytes):
+            received = sent + self.sent_bytes
+            yield LoggedMessage(time_s, self.records[sent:received], is_received=False)
+            time_s += self.period_s
+            yield LoggedMessage(time_s, self.records[received : sent + self.cycle_bytes], is_received=True)
+
+
+Logged = LoggedFrame | LoggedMessage | LoggedCycles
+
+
 class BusLog:
     """Log of every frame of the master.
 
@@ -157,16 +187,12 @@ class BusLog:
         self.is_on = path is not None
         self._path = path
         self._channel = channel
-        self._kept: list[LoggedFrame | LoggedMessage] = []
+        self._kept: list[Logged] = []
         self._is_new = True
 
-    def add(self, frame: LoggedFrame) -> None:
-        """Keep a frame for the next `write`."""
-        self._kept.append(frame)
-
-    def add_message(self, message: LoggedMessage) -> None:
-        """Keep the frames of a message for the next `write`."""
-        self._kept.append(message)
+    def add(self, logged: Logged) -> None:
+        """Keep frames for the next `write`."""
+        self._kept.append(logged)
 
     def write(self) -> None:
         """Append the kept frames to the file."""
@@ -175,20 +201,20 @@ class BusLog:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with naming(self._path), self._path.open("w" if self._is_new else "a", encoding="utf-8", newline="") as file:
-            file.writelines(_lines(_each(kept), self._channel))
+            file.writelines(_lines(frames_in(kept), self._channel))
         self._is_new = False
 
 
-def _each(kept: Iterable[LoggedFrame | LoggedMessage]) -> Iterator[tuple[float, int, bytes, bool]]:
-    """Yield the fields of a `LoggedFrame` for each frame.
+def frames_in(kept: Iterable[Logged]) -> Iterator[tuple[float, int, bytes, bool]]:
+    """Yield time, identifier, data and direction of each frame, as a `LoggedFrame` has them.
 
     To make a `LoggedFrame` takes as long as its line.
     """
     for each in kept:
         if isinstance(each, LoggedFrame):
             yield each
-        else:
-            time_s, records, is_received = each
+            continue
+        for time_s, records, is_received in each.messages() if isinstance(each, LoggedCycles) else (each,):
             for can_id, length, data in RECORD.iter_unpack(records):
                 yield time_s, can_id, data[:length], is_received
 

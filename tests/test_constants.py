@@ -94,7 +94,7 @@ def test_the_scan_sees_numbers_however_they_are_written() -> None:
     assert list(numbers(ast.parse(text))) == ["A", "B", "C", "D", "E", "F"]
 
 
-MOST_CONSTANTS = {"hil/design": (251, 0), "hil/experiments": (211, 0)}
+MOST_CONSTANTS = {"hil/design": (251, 0), "hil/experiments": (210, 0)}
 """Numbers at the top of a package's modules, and how many of them no sentence explains: neither may rise."""
 
 

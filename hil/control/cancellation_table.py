@@ -75,7 +75,7 @@ class WaveLabel:
 
 SAME_ORDER = 1e-6
 """Orders that differ by less are one."""
-ARRAYS = ("reference", "torque", "motion", "bend", "torque_bend", "load_reference", "load_torque", "image")
+ARRAYS = ("reference", "torque", "motion", "bend", "torque_bend", "load_reference", "load_torque", "image", "asked")
 """Arrays of a table, which scale alike."""
 
 
@@ -119,6 +119,7 @@ class CancellationTable:
         load_torque: The same of the torque offset.
         motor_load: How τ_g is told; None if it does not react on the motor.
         image: Motion at the SYNCs by images of the sampled set-points, in rad; shape (waves, speeds). None: nothing.
+        asked: `motion` without a speed limit; shape (waves, speeds). None: the same.
 
     Raises:
         ValueError: The shapes do not fit, or a number is not finite.
@@ -136,6 +137,7 @@ class CancellationTable:
     load_torque: Complex | None = None
     motor_load: MotorLoad | None = None
     image: Complex | None = None
+    asked: Real | None = None
 
     def __post_init__(self) -> None:
         """Refuse what the law cannot read."""
@@ -205,14 +207,14 @@ class CancellationTable:
         room = LIMIT_USED * limit_rps - own
         if by_torque is None:
             part = kept + self._fitted(1.0 - kept, fast, room - np.sum(kept * fast, axis=0))
-            return self._with(lambda each: part * each, self.waves)
+            return replace(self._with(lambda each: part * each, self.waves), asked=self.motion)
         strong, room_nm = by_torque.largest_torques_nm(), torque_nm * (self.speeds_rps <= up_to_rps + self.step_rps)
         part, other = np.zeros_like(fast), np.zeros_like(fast)
         for wanted in (kept, np.ones_like(kept)):
             part = part + self._fitted(wanted - part - other, fast, room - np.sum(part * fast, axis=0))
             other = other + self._fitted(wanted - part - other, strong, room_nm - np.sum(other * strong, axis=0))
         part = np.maximum(part, kept - other)
-        return self._with(lambda each: part * each, self.waves)._added(by_torque, other)
+        return replace(self._with(lambda each: part * each, self.waves)._added(by_torque, other), asked=self.motion)
 
     def _fitted(self, wanted: Real, size: Real, room: Real) -> Real:
         """Return the fraction of each wave for which there is room.

@@ -356,7 +356,7 @@ def cancellation_table(
         k: np.clip((highest_hz - k * turning) / (0.2 * highest_hz), 0.0, 1.0) * way.worth(k * turning) for k in amplitude_rad
     }
     labels: list[WaveLabel] = []
-    rows: dict[str, list[Complex]] = {name: [] for name in ARRAYS}
+    rows: dict[str, list[Complex]] = {name: [] for name in ARRAYS if name != "asked"}
     for wave in counter_motion(at_motor, phase_rad):
         k, frequency = wave.order, wave.order * turning
         left = np.prod([faded[order] for order in wave.sources], axis=0) * (frequency <= highest_hz)

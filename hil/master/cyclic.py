@@ -38,6 +38,8 @@ TIP_ACCELERATION: int = CORE.call.TIP_ACCELERATION
 """Contents of an answer."""
 
 MAX_LATE_FRAMES = 1024
+LOGGED_CYCLES = 256
+"""Most cycles that pass before their frames are in the log."""
 _RECORD: int = CORE.call.RECORD_BYTES
 _DATA: int = CORE.call.DATA_AT
 _NOT_SENT: int = CORE.call.NOT_SENT
@@ -256,7 +258,9 @@ class CyclicExchange:
         self._message = bytearray(b"".join(map(pack, (*heads, SYNC))))
         self._message_data = CORE.pointer(np.frombuffer(self._message, np.uint8), "uint8_t")
         self.data.command, self.data.command_bytes = self._message_data, len(self._message)
-        self._taken = memoryview(self._received)[: len(answers) * _RECORD]
+        is_logged = self.network is not None and self.network.log.is_on
+        self._logged = bytearray(is_logged * LOGGED_CYCLES * (len(self._message) + len(answers) * _RECORD))
+        self.stretch.log = CORE.pointer(np.frombuffer(self._logged, np.uint8), "uint8_t") if is_logged else CORE.NULL
         places = range(_DATA, len(self._message), _RECORD)
         self._contents = [(can_id, slice(at, at + len(data))) for (can_id, data), at in zip(heads, places, strict=False)]
         self._fits_message = len(heads) < MAX_RECORDS
@@ -290,23 +294,22 @@ class CyclicExchange:
         and a late answer counts as the newest one in the next cycle. A cycle that is too late is not sent at all: see
         `CycleSchedule`.
 
-        Where a cycle is one message each way, and no log is kept, several may pass; otherwise one does.
+        Where a cycle is one message each way, several may pass; otherwise one does.
 
         Return what `run_cycles` of `run.h` has found if the core has ended the last cycle, and None if it has not.
         """
         network, messages, stretch = self.network, self.network.messages, self.stretch
         if messages is not None and messages.takes_messages and self._fits_message and not self._may_be_behind:
-            is_logged, stretch.now_s = network.log.is_on, network.lock_step_s
-            if is_logged:
-                stretch.count = 1
+            if self._logged:
+                stretch.count = min(stretch.count, LOGGED_CYCLES)
+            stretch.now_s = network.lock_step_s
             messages.open_line()
             found: int = _run_cycles(self.data, self.run, stretch)
             messages.close_line()
-            if is_logged and stretch.done:
-                network.log_message(self._message, is_received=False)
+            if self._logged and stretch.done:
+                size = len(self._logged) // LOGGED_CYCLES
+                network.log_cycles(bytes(self._logged[: stretch.done * size]), len(self._message), size)
             network.lock_step_s = stretch.now_s
-            if is_logged and stretch.done:
-                network.log_message(self._taken, is_received=True)
             return self._go_on(found, messages) if found < 0 else found
         stretch.done = 0
         refused: int = _begin_cycle(self.run, stretch)

@@ -1,5 +1,7 @@
 #include "run.h"
 
+#include <string.h>
+
 /* Round a number to an integer of at most bits bits; 0 if it does not fit, NaN included. */
 static int round_to(integer *result, real number, int bits)
 {
@@ -184,6 +186,14 @@ static integer run_cycle(struct exchange *e, struct run *run, integer row)
     return take_cycle(e, run, row, e->message, reached);
 }
 
+/* Keep the records of the cycle that has ended. */
+static void log_cycle(const struct exchange *e, const struct stretch *stretch)
+{
+    uint8_t *place = stretch->log + stretch->done * (e->command_bytes + e->message_bytes);
+    memcpy(place, e->command, (size_t)e->command_bytes);
+    memcpy(place + e->command_bytes, e->message, (size_t)e->message_bytes);
+}
+
 integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch)
 {
     integer found;
@@ -196,6 +206,9 @@ integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch)
         found = run_cycle(e, run, stretch->row < 0 ? stretch->row : stretch->row + stretch->done);
         if (found < 0) {
             return found;
+        }
+        if (stretch->log) {
+            log_cycle(e, stretch);
         }
         stretch->now_s += stretch->period_s;
         stretch->done++;

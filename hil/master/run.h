@@ -79,6 +79,7 @@ struct stretch {
     real period_s;         /* that a cycle is worth */
     real until_s;          /* no second cycle begins from then on */
     integer done;          /* cycles that have ended */
+    uint8_t *log;          /* room for the records of these: of each, what was sent and what has come; null without a log */
 };
 
 /* Set the targets of the next cycle of a stretch. The host's loops, where it closes them, set them at the end of the last cycle.

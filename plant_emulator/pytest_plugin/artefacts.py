@@ -13,7 +13,7 @@ import pytest
 
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, CAN_SFF_MASK, Frame
 from hil.master.motion import RunResult
-from hil.recording import BusLog, LoggedFrame, Recording
+from hil.recording import BusLog, Logged, Recording, frames_in
 
 MAX_FRAMES = 100_000
 """Frames that are kept of a test, the latest; some 4 MB of text."""
@@ -37,9 +37,10 @@ class FrameLog(BusLog):
         self.frames: deque[tuple[int, Frame]] = deque(maxlen=MAX_FRAMES)
         self.heard_frames = 0
 
-    def add(self, frame: LoggedFrame) -> None:
-        """Keep a frame that the master has sent or received."""
-        self.hear(Frame(frame.can_id, frame.data), round(1e9 * frame.time_s))
+    def add(self, logged: Logged) -> None:
+        """Keep frames that the master has sent or received."""
+        for time_s, can_id, data, _ in frames_in([logged]):
+            self.hear(Frame(can_id, data), round(1e9 * time_s))
 
     def hear(self, frame: Frame, end_ns: int) -> None:
         """Keep a frame of the bus and the time of its end."""

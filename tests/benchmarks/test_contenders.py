@@ -26,7 +26,7 @@ def _same_cores_after():
 def test_a_master_that_sends_another_set_point(monkeypatch):
     monkeypatch.setattr(master_path, "SHARE_S", 1e-3)
     found, path = master_path._contend(2)
-    assert found.keys() == {"ours", "bare", "together", "canopen", "canopen, free"}
+    assert found.keys() == {"ours", "stretches", "bare", "together", "canopen", "canopen, free"}
     assert np.ptp(path) > 10  # the laws have had something to do
     assert np.abs(path).max() < 7000  # and were not at their limits
     right = stranger.Master.set_points

@@ -24,11 +24,14 @@ ADAPTER = "needs a CAN adapter or vcan, and root; tests/vcan does it on a kernel
 DASK = "tests/plant_emulator/rehearsal starts a scheduler and workers itself, on a free port"
 POSTURES = "takes nine identifications; tests/bench/test_arm_postures.py and tests/hil/experiments/test_arm_masses.py do parts"
 SUITE = "is this test run itself, or another that takes as long"
+INSTALLS = "installs what this test runs with"
 ARMS = "runs arms, each for a minute: tests/plant_emulator/rehearsal runs one"
 
 NOT_RUN = {
     ("README.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
-    ("README.md", "pytest tests/conformance"): SUITE,
+    ("docs/conformance.md", "make pytest"): INSTALLS,
+    ("docs/testing.md", "make pytest"): INSTALLS,
+    ("README.md", "make pytest && pytest tests/conformance"): SUITE,
     ("CONTRIBUTING.md", "make test"): SUITE,
     ("CONTRIBUTING.md", "make test CI=1"): SUITE,
     ("CONTRIBUTING.md", "make test-all"): SUITE,
@@ -298,6 +301,13 @@ def test_a_page_says_once_where_its_commands_are_found(path):
     text = path.read_text(encoding="utf-8")
     of_ours = [command for command in commands_of(path) if not command.text.startswith(("make", "sudo"))]
     assert len(re.findall(r"\.venv/bin/\S+", text)) == text.count(". .venv/bin/activate") == bool(of_ours)
+
+
+@pytest.mark.parametrize("path", WITH_COMMANDS, ids=name_of)
+def test_a_page_that_types_pytest_has_it_installed_first(path):
+    typed = [command.text for command in commands_of(path)]
+    first = next((at for at, text in enumerate(typed) if text.startswith(("pytest", "python -m pytest"))), None)
+    assert first is None or any(text.startswith(("make pytest", "make test")) for text in typed[:first])
 
 
 TOOLS = {"hil": "hil.cli.main", "drive-profiles": "drive_profiles.cli.main", "plant-emulator": "plant_emulator.cli.main"}

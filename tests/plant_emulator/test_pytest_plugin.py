@@ -11,6 +11,9 @@ import can
 import pytest
 from _pytest.pytester import SysModulesSnapshot
 
+from hil.can.frame import Frame, pack
+from hil.recording import LoggedCycles
+from plant_emulator.pytest_plugin.artefacts import FrameLog
 from plant_emulator.pytest_plugin.target import ServedBus
 
 pytest_plugins = ["pytester"]
@@ -380,6 +383,16 @@ def test_a_failure_keeps_trace_and_recording_and_says_where(run: Run, pytester: 
     syncs = [message.timestamp for message in log if message.arbitration_id == 0x80]
     assert syncs[30] - syncs[20] == pytest.approx(0.02), "in the bench's time"
     assert (directory.parent / ".gitignore").read_text() == "*\n"
+
+
+def test_a_trace_has_the_frames_of_cycles_that_crossed_in_messages() -> None:
+    there, back = pack(Frame(0x202, b"\1\2")) + pack(Frame(0x80, b"")), pack(Frame(0x182, bytes(8)))
+    trace = FrameLog()
+    trace.add(LoggedCycles(0.5, 0.25, 2 * (there + back), len(there), len(there) + len(back)))
+    expected = [(Frame(0x202, b"\1\2"), 0), (Frame(0x80, b""), 0), (Frame(0x182, bytes(8)), 1)]
+    assert list(trace.frames) == [
+        (500_000_000 + 250_000_000 * (cycle + later), frame) for cycle in (0, 1) for frame, later in expected
+    ]
 
 
 def test_equal_tests_leave_equal_traces(run: Run) -> None:

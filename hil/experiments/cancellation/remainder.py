@@ -6,9 +6,9 @@ A cause is named only if its own vibration, predicted independently of the remai
 the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, the result says so. The
 causes:
 
-- `speed limit`: the part for which the set-points had no room, by the tables of the cancellation.
-- `frequency limit`: the same, if the highest frequency of the cancellation is the limit, and the images of slow set-points. What
-  no sample shows of it is taken from the model.
+- `speed limit`: the part for which neither set-points nor torque had room, by the tables of the cancellation.
+- `frequency limit`: the part that the tables leave out towards the highest frequency of the cancellation, and the images of slow
+  set-points. What no sample shows of it is taken from the model.
 - `order left out`: an order that is not cancelled: not known, or not passed by the trial.
 - `gear reaction`: the gear's torque moves the motor through its own error, by τ_g dθ_sync/dθ_m.
 - `estimate`: the orders themselves, turned or scaled alike at all speeds: their values are not known well enough.
@@ -49,8 +49,6 @@ Friction and gravity make the torque of a reaction uncertain; between two slow s
 too, which turns what a limit leaves."""
 REACTION_TURN = math.radians(50.0)
 """Largest angle between the reckoned reaction and what is found of it."""
-BINDS = 0.9
-"""Speed of the set-points over the axis' limit from which the limit binds them."""
 
 UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"})
 """Causes that are none of the robot's, and are said of the worst window alone."""
@@ -79,7 +77,6 @@ class TrialView:
         rows: Rows that are read; shape (n,).
         axes: Axes as they are read.
         scale: Scale of the vibration.
-        speed_rps: Speed limits by axis.
     """
 
     looks: Sequence[Look]
@@ -89,7 +86,6 @@ class TrialView:
     rows: Rows
     axes: tuple[AxisWaves, ...]
     scale: TipScale
-    speed_rps: Mapping[int, float]
 
     @property
     def passed(self) -> float:
@@ -212,22 +208,13 @@ class _Account:
 
     def _reckoned(self) -> dict[RemainderCause, Real]:
         """Vibration of each cause that can be reckoned, whatever is left."""
-        fitted, bound = self._after[0].sighting.amplitude, self._bound()
-        reckoned: dict[RemainderCause, Real] = {
+        fitted, by_frequency = self._after[0].sighting.amplitude, self._given_up("frequency limit")
+        return {
             "order left out": self._waves([part for part in fitted if part not in self._seen.used], self._after),
-            "frequency limit": self._found(self._images(), math.pi),
+            "frequency limit": self._found(self._images(), math.pi) + self._found(by_frequency, math.pi),
+            "speed limit": self._found(self._given_up("speed limit"), math.pi),
             "gear reaction": self._found_reaction(),
         }
-        reckoned[bound] = reckoned.get(bound, 0.0) + self._found(self._given_up(), math.pi)
-        return reckoned
-
-    def _bound(self) -> RemainderCause:
-        """Binding limit: the axis' speed, or the cancellation's highest frequency."""
-        for number, table in self._tables.items():
-            peak_rps = float(np.max(np.abs(motor_speed_rps(self._seen.recording, number))))
-            if table.largest_speed_rps(peak_rps) > BINDS * self._seen.speed_rps.get(number, math.inf):
-                return "speed limit"
-        return "frequency limit"
 
     def _explains(self, kept_mm: float) -> bool:
         """True if what a cause leaves is small enough."""
@@ -250,24 +237,30 @@ class _Account:
     def _amplitude(self, looks: Sequence[Look], part: Part) -> complex:
         return complex(np.mean([look.sighting.amplitude[part] for look in looks]))
 
-    def _shares(self) -> Iterator[tuple[Part, Real, Real]]:
-        """Each used part with its motor speed and its fraction for which the set-points have no room; shapes (rows,)."""
+    def _shares(self) -> Iterator[tuple[Part, Real, dict[RemainderCause, Real]]]:
+        """Each used part with its motor speed, and the fraction of it that each limit leaves out; shapes (rows,)."""
         for part in self._seen.used:
             table = self._tables.get(part.axis)
             if table is None:
                 continue
-            made = np.asarray(table.motion)[[wave.degree == 1 and wave.order == part.order for wave in table.waves]]
-            whole = made.max(initial=0.0)
+            own = [wave.degree == 1 and wave.order == part.order for wave in table.waves]
+            made = np.asarray(table.motion)[own]
+            asked = made if table.asked is None else np.asarray(table.asked)[own]
+            whole = asked.max(initial=0.0)
             if whole <= 0.0:
                 continue
             speed = self._speed_rps(part.axis)
-            yield part, speed, 1.0 - np.interp(speed, table.speeds_rps, made[0] / whole)
+            by_frequency, by_speed = whole - asked[0], asked[0] - made[0]
+            yield part, speed, {
+                "frequency limit": np.interp(speed, table.speeds_rps, by_frequency / whole),
+                "speed limit": np.interp(speed, table.speeds_rps, by_speed / whole),
+            }  # fmt: skip
 
-    def _given_up(self) -> Real:
-        """Vibration of the parts' fractions for which the set-points have no room."""
+    def _given_up(self, limit: RemainderCause) -> Real:
+        """Vibration of the parts' fractions that a limit leaves out."""
         total = np.zeros(self._count)
-        for part, _, share in self._shares():
-            total += share * self._waves([part], self._before)
+        for part, _, shares in self._shares():
+            total += shares[limit] * self._waves([part], self._before)
         return total
 
     def _images(self) -> Real:
@@ -299,11 +292,12 @@ class _Account:
         """Amplitude of these fractions and images that the band contains and samples do not show; shape (rows,)."""
         total, axes = np.zeros(self._count), {axis.number: axis for axis in self._seen.axes}
         window = self._seen.recording.period_s, self._seen.scale.band_hz
-        for part, speed, share in self._shares():
+        for part, speed, shares in self._shares():
             if part.axis in axes:
                 axis, hz = axes[part.axis], part.order * speed
                 angle_rad = abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz))
-                total += share * unshown(hz, *window) * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
+                share = sum(shares.values()) * unshown(hz, *window)
+                total += share * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
         for hz, made in self._each_image():
             total += unshown(hz, *window) * np.abs(made)
         return total

@@ -128,9 +128,8 @@ class _Protocol:
         windows = Windows.of(first, self._rows[: len(first.time_s)], self._scale)
         verdicts |= self._risen(windows, verdicts)
         used = tuple(part for part, verdict in verdicts.items() if verdict.verdict == "accepted")
-        limits = {number: self._bench.axis[number].limits.speed_rps for number in self._tables}
         looks, rows = tuple(self._looks), self._rows
-        seen = TrialView(looks, used, windows, first, rows, self._axes, self._scale, limits)
+        seen = TrialView(looks, used, windows, first, rows, self._axes, self._scale)
         left = remainder(seen, self._tables, self._bench.specification.quiet_mm) if used else None
         return Verification(PROBE_GAIN, tuple(self._trials), tuple(verdicts.values()), left)
 

@@ -30,7 +30,7 @@ from hil.master.cyclic import (
     CyclicExchange,
 )
 from hil.master.network import SYNC
-from hil.recording import BusLog, LoggedFrame, LoggedMessage
+from hil.recording import BusLog, LoggedCycles, LoggedFrame, LoggedMessage
 
 FORMATS = {POSITION_COMMAND: "<Hi", TORQUE_COMMAND: "<Hh", OFFSET_COMMAND: "<Hih"}
 ANSWER = struct.Struct("<Hih")
@@ -150,13 +150,28 @@ def test_a_message_is_logged_as_its_frames_are(tmp_path):
     for is_received in (False, True):
         for can_id, data in frames:
             logs["frames"].add(LoggedFrame(0.25, can_id, data, is_received))
-        logs["messages"].add_message(LoggedMessage(0.25, b"".join(map(pack, frames)), is_received))
+        logs["messages"].add(LoggedMessage(0.25, b"".join(map(pack, frames)), is_received))
         logs["frames"].add(LoggedFrame(0.5, 0x702, b"\5", is_received=True))
         logs["messages"].add(LoggedFrame(0.5, 0x702, b"\5", is_received=True))
     for log in logs.values():
         log.write()
     assert Path(tmp_path / "messages").read_text() == Path(tmp_path / "frames").read_text()
     assert len(Path(tmp_path / "messages").read_text().splitlines()) == 8
+
+
+def test_cycles_are_logged_as_their_messages_are(tmp_path):
+    sent = [pack(Frame(0x201, bytes([cycle]))) + pack(Frame(0x80, b"")) for cycle in range(3)]
+    came = [pack(Frame(0x181, bytes([cycle] * 8))) for cycle in range(3)]
+    one_by_one, together = BusLog(tmp_path / "messages"), BusLog(tmp_path / "cycles")
+    for cycle in range(3):
+        one_by_one.add(LoggedMessage(0.5 + 0.25 * cycle, sent[cycle], is_received=False))
+        one_by_one.add(LoggedMessage(0.75 + 0.25 * cycle, came[cycle], is_received=True))
+    records = b"".join(there + back for there, back in zip(sent, came, strict=True))
+    together.add(LoggedCycles(0.5, 0.25, records, len(sent[0]), len(sent[0]) + len(came[0])))
+    for log in (one_by_one, together):
+        log.write()
+    assert (tmp_path / "cycles").read_text() == (tmp_path / "messages").read_text()
+    assert len((tmp_path / "cycles").read_text().splitlines()) == 9
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -38,12 +38,12 @@ def short(bench):
     return bench.model_copy(update={"constant_acceleration": motion, "settle_s": 0.1})
 
 
-def sessions(robot, bench):
+def sessions(robot, bench, log_of=lambda number: BusLog(None)):
     """The same robot three times: frame by frame, in messages, and in cycles of C alone."""
     by_frames, in_messages = InProcessChannel(World(robot)), InProcessChannel(World(robot))
     by_frames.heard = lambda frame, end_ns: None  # somebody looks at every frame
-    for channel in (by_frames, in_messages, InProcessChannel(World(robot), is_logged=False)):
-        yield Session(bench, channel, BusLog(None))
+    for number, channel in enumerate((by_frames, in_messages, InProcessChannel(World(robot), is_logged=False))):
+        yield Session(bench, channel, log_of(number))
 
 
 def recorded(robot, bench, motion, filters="none", *, loop="drive", cancels=False, runs=1):
@@ -133,6 +133,19 @@ def test_cycles_of_c_alone_leave_few_to_python(monkeypatch):
     assert sum(not channel.is_logged for channel in in_frames) < 0.01 * logged, "a heartbeat leaves the next cycle to messages"
 
 
+def test_the_log_of_a_run_is_the_same_frame_by_frame_in_messages_and_in_cycles_of_c_alone(tmp_path):
+    bench, robot, logs = short(load_bench("reference")), load_robot("reference"), []
+    motion = constant_acceleration(bench, 2, 0.002)
+    for number, session in enumerate(sessions(robot, bench, lambda number: BusLog(tmp_path / str(number)))):
+        with session:
+            session.bring_up()
+            assert session.run(motion, "none", "drive").stopped is None
+        lines = (tmp_path / str(number)).read_text().splitlines()
+        logs.append([line for line in lines if " 70" not in line])  # a heartbeat may come with a SYNC's answers, or after them
+    assert sum(" 080#" in line for line in logs[0]) > len(motion.time_s)
+    assert logs[1:] == logs[:1] * 2
+
+
 def test_a_bus_that_is_lost_ends_a_run_in_cycles_of_c_at_once():
     bench, channel, told = short(load_bench("reference")), InProcessChannel(World(load_robot("reference")), is_logged=False), []
     motion = constant_acceleration(bench, 2, 0.002)
@@ -207,14 +220,21 @@ def test_a_gear_that_reacts_on_its_motor_is_held_up_against():
 
 @pytest.mark.parametrize(("loop", "period_s"), [("drive", 0.002), ("host", 0.00025)])
 def test_a_stretch_over_the_local_bus_is_its_cycles_one_by_one(loop, period_s, hil_serve_local_bus, monkeypatch, tmp_path):
-    """With a log each cycle is a call of its own."""
-    bench, results, calls = short(load_bench("reference")), [], []
-    monkeypatch.setattr(cyclic, "_run_cycles", lambda *data: (calls.append(1), CORE.call.run_cycles(*data))[1])
-    for log in (BusLog(tmp_path / "frames.log"), BusLog(None)):
-        channel = open_channel(parse_address(hil_serve_local_bus().address))
-        with closing(channel), Session(bench, channel, log) as session:
+    bench, results, logs, calls = short(load_bench("reference")), [], [], []
+
+    def run_cycles(exchange, run, stretch):
+        calls[-1] += 1
+        stretch.count = min(stretch.count, most)
+        return CORE.call.run_cycles(exchange, run, stretch)
+
+    monkeypatch.setattr(cyclic, "_run_cycles", run_cycles)
+    for most in (1, 1000):
+        calls.append(0)
+        channel, log = open_channel(parse_address(hil_serve_local_bus().address)), tmp_path / f"{most}.log"
+        with closing(channel), Session(bench, channel, BusLog(log)) as session:
             session.bring_up()
             results.append(session.run(constant_acceleration(bench, 2, period_s), "none", loop))
-        calls.append(0)
+        logs.append(log.read_text())
     assert_same(results)
-    assert sum(calls[calls.index(0) :]) < 0.1 * calls.index(0)
+    assert logs[0] == logs[1]
+    assert calls[1] < 0.1 * calls[0]
