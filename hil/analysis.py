@@ -157,14 +157,45 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
 
 def speed_of(revolutions: Real, period_s: float) -> Real:
     """Compute the speed of a sampled angle, low-passed without phase, in rev/s; shape (n,)."""
-    return np.asarray(scipy.signal.sosfiltfilt(_speed_lowpass(period_s), np.gradient(revolutions, period_s)))
+    return without_phase(np.gradient(revolutions, period_s), period_s, "lowpass", min(SPEED_LOWPASS_HZ, 0.2 / period_s))
+
+
+Kind = Literal["lowpass", "highpass", "bandpass"]
+"""Kind of a filter."""
+
+
+def without_phase(values: Real, period_s: float, kind: Kind, *corners_hz: float) -> Real:
+    """Filter by a 2nd-order Butterworth, forward and backward; shape (n,).
+
+    As `scipy.signal.sosfiltfilt`, which computes the filter's state at rest anew for each signal: a third of its time.
+
+    Args:
+        values: The signal; shape (n,).
+        period_s: Sampling period.
+        kind: Kind of the filter.
+        corners_hz: Corner, or both of a bandpass.
+
+    Raises:
+        ValueError: There are too few samples.
+    """
+    sections, at_rest = _butterworth(period_s, kind, *corners_hz)
+    edge = 3 * (2 * len(sections) + 1)
+    if len(values) <= edge:
+        raise ValueError(f"{len(values)} samples are too few for a {kind} without phase; at least {edge + 1} are needed")
+    longer = np.concatenate([2.0 * values[0] - values[edge:0:-1], values, 2.0 * values[-1] - values[-2 : -edge - 2 : -1]])
+    there, _ = scipy.signal.sosfilt(sections, longer, zi=at_rest * longer[0])
+    back, _ = scipy.signal.sosfilt(sections, there[::-1], zi=at_rest * there[-1])
+    return np.asarray(back[::-1][edge:-edge])
 
 
 @lru_cache(maxsize=32)
-def _speed_lowpass(period_s: float) -> Real:
-    """Return the sections of the low pass of a speed."""
-    corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
-    return np.asarray(scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos"))
+def _butterworth(period_s: float, kind: Kind, *corners_hz: float) -> tuple[Real, Real]:
+    """Return the sections of a filter, and their state at rest.
+
+    They are cached: a search for a filter needs the same ones a thousand times.
+    """
+    sections = scipy.signal.butter(2, np.squeeze(corners_hz), kind, fs=1.0 / period_s, output="sos")
+    return sections, scipy.signal.sosfilt_zi(sections)
 
 
 SHOWN_FRACTION = 0.45
@@ -200,16 +231,7 @@ def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, 
     Raises:
         ValueError: The sampling period is too long for the band.
     """
-    return np.asarray(scipy.signal.sosfiltfilt(_band(period_s, *shown_band(period_s, band_hz)), acceleration_m_s2))
-
-
-@lru_cache(maxsize=32)
-def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
-    """Return the sections of the band pass.
-
-    They are cached: a search for a filter needs the same ones a thousand times.
-    """
-    return np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
+    return without_phase(acceleration_m_s2, period_s, "bandpass", *shown_band(period_s, band_hz))
 
 
 def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float) -> Real:

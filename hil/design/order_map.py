@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 TURNS = 2.0
 """Length of a window in turns of the motor: it tells orders one apart, and a ramp through a resonance takes about as many."""
@@ -75,7 +76,7 @@ class OrderTrack:
     speed_rps: Real
     direction: Real
     orders: Real
-    component: NDArray[np.complex128]
+    component: Complex
     standard_error: Real
 
     @property
@@ -90,12 +91,12 @@ class _Window:
 
     `place` is the relative angle −1 … 1, `weight` the Hann weight times |dθ|, `values` the vibrations.
 
-    Arrays have shape (n,), `values` (vibrations, n).
+    Arrays have shape (n,), `values` (vibrations, n); `rows` are those of the whole motion.
     """
 
     place: Real
     weight: Real
-    angle_rad: Real
+    rows: slice
     values: Real
     speed_rps: float
     direction: float
@@ -119,7 +120,7 @@ def order_map(motor_angle_rad: Real, values: Real, period_s: float, orders: Real
     made = []
     for window in _windows(motor_angle_rad, (values,), period_s, orders, turns):
         weight = window.weight / np.sum(window.weight)
-        waves = np.exp(-1j * np.outer(orders, window.angle_rad))
+        waves = np.exp(-1j * np.outer(orders, motor_angle_rad[window.rows]))
         level = np.sum(weight * window.values[0])
         amplitude = 2.0 * np.abs(waves @ (weight * (window.values[0] - level)))
         made.append((window, np.where(_shown(window, orders), amplitude, math.nan)))
@@ -176,7 +177,11 @@ def order_tracks(
             f"orders {float(np.min(gaps)):g} apart cannot be separated in windows of {turns:g} turns; at least "
             f"{1.0 / turns:g} is needed"
         )
-    made = [(window, *_components(window, array, turns)) for window in _windows(motor_angle_rad, signals, period_s, array, turns)]
+    windows = list(_windows(motor_angle_rad, signals, period_s, array, turns))
+    # each sample lies in eight windows: its sines are computed once
+    phase = array[:, None] * motor_angle_rad
+    waves, step = np.concatenate([np.cos(phase), -np.sin(phase)]), np.exp(-0.5j / turns * motor_angle_rad)
+    made = [(each, *_components(each, array, turns, waves[:, each.rows], step[each.rows])) for each in windows]
     made.sort(key=lambda each: each[0].speed_rps)
     speed = np.array([window.speed_rps for window, _, _ in made])
     direction = np.array([window.direction for window, _, _ in made])
@@ -184,10 +189,11 @@ def order_tracks(
     return [OrderTrack(speed, direction, array, component[row], error[row]) for row in range(len(signals))]
 
 
-def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np.complex128], Real]:
+def _components(window: _Window, orders: Real, turns: float, waves: Real, step: Complex) -> tuple[Complex, Real]:
     """Fit the complex amplitudes at some orders, with standard errors.
 
-    They are NaN at orders that the samples do not show; both have the shape (vibrations, orders).
+    They are NaN at orders that the samples do not show; both have the shape (vibrations, orders). `waves` are cos kθ and −sin kθ,
+    shape (2 orders, n); `step` see `_noise`.
     """
     component = np.full((len(window.values), len(orders)), complex(math.nan, math.nan))
     error = np.full(component.shape, math.nan)
@@ -195,10 +201,8 @@ def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np
     count = len(shown)
     if not count or window.values.shape[1] < 2 * (3 + 2 * count):
         return component, error
-    phase = orders[shown, None] * window.angle_rad
-    rows = np.concatenate(
-        [np.ones((1, len(window.place))), window.place[None], window.place[None] ** 2, np.cos(phase), -np.sin(phase)]
-    )
+    slow = np.ones_like(window.place), window.place, window.place**2
+    rows = np.concatenate([slow, waves[shown], waves[len(orders) + shown]])
     weighted = window.weight * rows
     # sums by hand: for matrices this small the linear algebra's threads only wait for each other
     gains = np.einsum("jk,ki->ji", _inverse(np.einsum("ji,ki->jk", rows, weighted)), weighted)
@@ -212,7 +216,7 @@ def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np
     cross = np.einsum("ji,ji->j", gains[3 : 3 + count], gains[3 + count :])
     cosine, sine = real / length, imaginary / length
     along = cosine**2 * own[:count] + sine**2 * own[count:] + 2.0 * cosine * sine * cross
-    error[:, shown] = np.sqrt(_noise(window, residual, tuple(orders[shown].tolist()), turns) * along)
+    error[:, shown] = np.sqrt(_noise(window, residual, tuple(orders[shown].tolist()), turns, step) * along)
     return component, error
 
 
@@ -227,18 +231,17 @@ def _inverse(square: Real) -> Real:
     return np.asarray(np.einsum("ij,kj->ik", vectors / values[kept], vectors))
 
 
-def _noise(window: _Window, residual: Real, orders: tuple[float, ...], turns: float) -> Real:
+def _noise(window: _Window, residual: Real, orders: tuple[float, ...], turns: float, step: Complex) -> Real:
     """Variance of white noise that explains the residual beside each order.
 
     Shape (vibrations, orders).
 
-    At an order itself nothing is left, by the fit. So the residual is taken at the nearest points between the orders.
+    At an order itself nothing is left, by the fit. So the residual is taken at the nearest points between the orders. All are
+    multiples of half a window's turn: one exponential of each sample, `step`, and its products, not one for each order.
     """
     multiples, nearest = _beside(orders, turns)
     power = np.empty((len(residual), len(multiples)))
     weight = window.weight / np.sum(window.weight)
-    # all are multiples of half a window's turn: one exponential of each sample and its products, not one for each order
-    step = np.exp(-0.5j / turns * window.angle_rad)
     wave, there = weight * residual + 0j, 0
     for row, multiple in enumerate(multiples):
         for _ in range(multiple - there):
@@ -300,7 +303,7 @@ def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, or
             speed = float(np.sum(weight) / seconds)
             there = slice(begin + int(first), begin + int(last))
             count += 1
-            yield _Window(place, weight, angle[there], together[:, there], speed, direction, period_s)
+            yield _Window(place, weight, there, together[:, there], speed, direction, period_s)
     if not count:
         raise ValueError(
             f"the motor never makes {turns:g} turns in one direction at {SLOWEST_RPS:g} rev/s or more, as an order map needs"

@@ -60,10 +60,13 @@ def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tupl
     has turned does not come back to where it began, while its acceleration does. Before the first and after the last sample the
     speed is taken to stay what it is: a recording that was cut off while the motor turned must not end in a blow.
     """
-    difference = np.zeros_like(angle_rad)
-    difference[..., 1:-1] = np.diff(angle_rad, 2, axis=-1) / period_s**2
+    difference, step = np.zeros_like(angle_rad), np.diff(angle_rad, axis=-1)
+    np.subtract(step[..., 1:], step[..., :-1], out=difference[..., 1:-1])
+    difference /= period_s**2
     frequency = scipy.fft.rfftfreq(length, period_s)
-    return frequency, scipy.fft.rfft(difference, length, axis=-1) / np.sinc(frequency * period_s) ** 2
+    spectrum = scipy.fft.rfft(difference, length, axis=-1)
+    spectrum /= np.sinc(frequency * period_s) ** 2
+    return frequency, np.asarray(spectrum)
 
 
 def motor_speed_rps(motor_angle_rad: Real, period_s: float) -> Real:

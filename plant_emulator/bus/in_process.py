@@ -136,11 +136,14 @@ class InProcessChannel(OneByOne):
     def receive_message(self, timeout_s: float) -> bytes:
         """Return the records of the next message; empty if none comes.
 
+        What nodes have sent by themselves in the cycle stands behind its answers, as on the local bus.
+
         Raises:
             BusLostError: `lost` is set.
         """
         answers, self._answers = self._answers, b""
-        return answers or b"".join(pack(frame) for frame in self.receive_all(timeout_s))
+        frames = self.receive_all(timeout_s) if self._queue or not answers else []
+        return answers + b"".join(map(pack, frames))
 
     def put_back(self, message: bytes) -> None:
         """Let a message that `receive_message` has given be read frame by frame."""

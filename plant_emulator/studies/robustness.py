@@ -8,7 +8,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from hil.analysis import (
@@ -21,6 +20,7 @@ from hil.analysis import (
     speed_of,
     tip_displacement_mm,
     tip_scale,
+    without_phase,
 )
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
@@ -396,8 +396,8 @@ class Study:
         """
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
         f_al, period_s = motion.f_al_hz, self.robot.sync_period_s
-        above = scipy.signal.butter(2, tip_scale(f_al).band_hz[0], "highpass", fs=1.0 / period_s, output="sos")
-        swing = 1e3 * scipy.signal.sosfiltfilt(above, motion.run.tip_m_s2[:, 2]) / (2.0 * math.pi * f_al) ** 2
+        swing = 1e3 * without_phase(motion.run.tip_m_s2[:, 2], period_s, "highpass", tip_scale(f_al).band_hz[0])
+        swing /= (2.0 * math.pi * f_al) ** 2
         before, last = swing[-2 * quarter : -quarter], swing[-quarter:]
         residual = float(np.max(np.abs(last)))
         if residual > SEEN_FRACTION * self.tip_mm and np.std(last) > DECAY * np.std(before):

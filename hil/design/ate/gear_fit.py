@@ -296,14 +296,13 @@ class GearFit:
             for ramp, each in zip(self._ramps, vibration, strict=True)
         ]
 
-    def _vibration(self, p: Real) -> list[list[Real]]:
+    def _vibration(self, p: Real, left: list[list[Complex]]) -> list[list[Real]]:
         """Smoothed power of the vibration that θ_sync makes, per sample."""
         still = p.copy()
         still[self._setting.waves] = 0.0
         made, window = [], np.ones(SMOOTHED_LINES) / SMOOTHED_LINES
-        with_error, _ = self._left(p)
         without, _ = self._left(still)
-        for ramp, one, other in zip(self._ramps, with_error, without, strict=True):
+        for ramp, one, other in zip(self._ramps, left, without, strict=True):
             powers = [np.abs(a - b) ** 2 / n for a, b, n in zip(one, other, ramp.counts, strict=True)]
             made.append([np.convolve(each, window, "same") for each in powers])
         return made
@@ -449,7 +448,7 @@ class GearFit:
         self, p: Real, left: list[list[Complex]], moved: list[Complex], before: _Noise | None
     ) -> tuple[_Noise, list[list[Real]]]:
         """The noise that maximises the likelihood, and the vibration's power."""
-        vibration = self._vibration(p)
+        vibration = self._vibration(p, left)
         self._small = self._small_motion(p, moved)
         return self._noise(p, left, vibration, before), vibration
 

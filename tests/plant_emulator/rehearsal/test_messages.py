@@ -122,13 +122,15 @@ def test_a_limit_that_is_broken_stops_a_run_without_frames_in_the_words_of_the_d
 
 
 def test_cycles_of_c_alone_leave_few_to_python(monkeypatch):
-    bench, robot, messages = short(load_bench("reference")), load_robot("reference"), []
-    send = InProcessChannel.send_message
+    bench, robot, messages, in_frames = short(load_bench("reference")), load_robot("reference"), [], []
+    send, send_all = InProcessChannel.send_message, InProcessChannel.send_all
     monkeypatch.setattr(InProcessChannel, "send_message", lambda self, records: (messages.append(self), send(self, records)))
+    monkeypatch.setattr(InProcessChannel, "send_all", lambda self, frames: (in_frames.append(self), send_all(self, frames)))
     *_, by_messages, alone = recorded(robot, bench, constant_acceleration(bench, 2, 0.002))
     assert by_messages.cycles == alone.cycles
     logged = sum(channel.is_logged for channel in messages)
     assert len(messages) - logged < 0.1 * logged
+    assert sum(not channel.is_logged for channel in in_frames) < 0.01 * logged, "a heartbeat leaves the next cycle to messages"
 
 
 def test_the_log_of_a_run_is_the_same_frame_by_frame_in_messages_and_in_cycles_of_c_alone(tmp_path):
