@@ -29,11 +29,10 @@ KNOT_SAMPLES, KNOT_DEGREE = 8, 5
 WINDOW_SAMPLES = 101
 """Samples of which the scatter is the median."""
 LEAST_PERIODS, MOST_PERIODS = 0.02, 1.1
-"""Delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
+"""Bound: delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
 REWEIGHTINGS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
-"""Most rounds of reweighting, change of every weight below which one is the last, and weight of a late sample.
-
-It is not 0, so that each piece of the spline has samples."""
+"""Most rounds of reweighting, change of every weight below which one is the last, and weight of a late sample, which leaves
+samples to each piece of the spline."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ INERTIA, FREQUENCY, ZETA, PART = range(4)
 WIDEST = 0.3
 """Largest change of ln ω_i in one round of the fit."""
 SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
-"""Range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
+"""Bound: range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ MOVING = 0.03
 ACROSS = 4
 """Samples to either side between which a speed is taken: time stamps jitter."""
 QUICK = 95.0
-"""Percentile of the speeds that counts as the quickest."""
+"""Probability: percentile of the speeds that counts as the quickest."""
 
 
 @dataclass(frozen=True)
