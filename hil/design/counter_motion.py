@@ -20,7 +20,7 @@ DEGREE = 3
 LEAST = 5e-4
 """Accuracy: least amplitude of a mixed wave over that of the largest order's own."""
 MOST_WAVES = 32
-"""Mixed waves of an axis; the largest are kept."""
+"""Accuracy: mixed waves of an axis, the largest: of three orders all, of six up to 0.14 % of an order (k N A_k = 0.03)."""
 DECIMALS = 9
 """Accuracy: decimals in which orders agree that are one."""
 

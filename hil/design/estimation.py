@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 PROBABILITY = 0.975
-"""Probability: probability: probability: probability: probability: probability from which a claim counts as true."""
+"""Probability: probability: probability: probability: probability: probability: probability: probability: probability from which
+a claim counts as true."""
 SIGMAS = NormalDist().inv_cdf(PROBABILITY)
 """The same as standard errors by which an estimate must meet the claim."""
 FAR_SIGMAS = 3.0
@@ -20,8 +21,7 @@ SURE_SIGMAS = 4.0
 SEEN_SIGMAS = 5.0
 """Probability: standard errors of an amplitude from which it is measured: to 20 %."""
 SEARCHED_SIGMAS = 8.0
-"""Probability: the same of the largest of many, or of a model that was searched for: of 10⁶ samples of normal noise none is so
-large."""
+"""Probability: the same of the largest of many, or of a model that was searched for: noise reaches it in none of 10⁶ samples."""
 DIFFERENCE_STEP = np.finfo(np.float64).eps ** (1.0 / 3.0)
 """Step of a central difference, 6e-6, at which rounding and curvature err alike."""
 ROUNDING = math.sqrt(np.finfo(np.float64).eps)

@@ -22,8 +22,8 @@ AnyComplex = NDArray[np.complexfloating[Any, Any]]
 CONTROL_PERIOD_S = 250e-6
 """Bound: sampling time of the loop in the paper's drives: the default where no drive states its own."""
 OF_SAMPLING = 0.4
-"""Bound: highest frequency, over the sampling rate, that samples or set-points carry: a held value loses a quarter of it there,
-and its first image is half as large as what was asked for."""
+"""Bound: highest frequency over the sampling rate: a held value loses a quarter of it there, and its first image is half as large
+as what was asked for."""
 LIKELY_DAMPING = 0.03
 """Bound: damping ratio where nothing but the frequency is known: arms on harmonic drives have 0.02 to 0.05."""
 TIP_HZ = 60.0

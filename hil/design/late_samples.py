@@ -31,8 +31,8 @@ WINDOW_SAMPLES = 101
 LEAST_PERIODS, MOST_PERIODS = 0.02, 1.1
 """Bound: delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
 REWEIGHTINGS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
-"""Most rounds of reweighting, change of every weight below which one is the last, and weight of a late sample, which leaves
-samples to each piece of the spline."""
+"""Most rounds of reweighting, change of a weight below which one is the last, and weight of a late sample, not 0 for the
+spline."""
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from hil.design.notch_problem import RISE, NotchProblem
 Real = NDArray[np.float64]
 
 CHUNK = 3
-"""Accuracy: filters that a worker weighs at a time, for time alone: those that break a limit take a tenth of that of the
-others."""
+"""Accuracy: filters that a worker weighs at a time, for time alone: those that break a limit take a tenth of it."""
 
 LEAST_EVALUATIONS = 80
 """Evaluations of the smallest search."""

@@ -33,7 +33,7 @@ from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
 """Bound: standard deviation of the age of the reported torque before the fit, about a control period where that is not known.
-Where it is, the age is half of it, give or take as much: of the period's beginning, or of the one before."""
+Where it is, the age is half of it ± half: of the period's beginning, or of the one before."""
 LAG_PRIOR_S = 1e-3
 """Bound: standard deviation of the current loop's time constant, before the fit: real ones have 0.1 to 1 ms."""
 TILT_HZ = 40.0

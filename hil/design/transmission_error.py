@@ -24,8 +24,7 @@ PAPER_ORDERS = (2, 4)
 SMOOTHED = 5.0
 """Samples over which the motor speed is smoothed."""
 SHOWN = (0.42, 0.5)
-"""Bound: frequencies over the sampling rate between which a wave fades out: up to half of it, gradually, since a jump shakes the
-arm."""
+"""Bound: frequencies over the sampling rate between which a wave fades out, gradually, since a jump shakes the arm."""
 
 
 @dataclass(frozen=True)

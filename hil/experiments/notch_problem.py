@@ -23,8 +23,7 @@ from hil.errors import NotPossibleError
 from hil.experiments.judge import scale_at
 
 OTHER_RAMPS = ((0.5, 1.0), (2.0, 0.75))
-"""Rates of the slower and the faster ramp by the user's own, with weights: a robot's work is seldom the motion that it is judged
-by."""
+"""Rates of the slower and the faster ramp by the user's own, with weights: a robot's work is seldom the judged motion."""
 FAST_TORQUE_FRACTION = 0.7
 """Part of the torque limit that the faster ramp may take to accelerate."""
 WATCHED = 1.85
@@ -32,8 +31,8 @@ WATCHED = 1.85
 LOWEST_WATCHED = 0.45
 """Bound: lowest speed that is looked at in units of f_al/k of the highest order: filters act from there at the earliest."""
 FRICTION_FRACTION, GRAVITY_FRACTION = 0.02, 0.06
-"""Measured: friction and gravity at the motor in parts of the torque limit, where no model file knows them: on the drawn robots
-10700 to 10764 0.01 and 0.03 (median), 0.03 and 0.07 (nine in ten)."""
+"""Measured: friction and gravity at the motor by the torque limit, where not known: on the drawn robots 10700 to 10764 0.01 and
+0.03 (median), 0.03 and 0.07 (nine in ten)."""
 LARGEST_ORDER = 8
 """Bound: order that a filter of a drive follows."""
 

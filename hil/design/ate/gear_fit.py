@@ -56,13 +56,13 @@ curvature contains that pull: d²/dx² f(eˣ) = df/dx for a proportional f. With
 RINGING_RAD = 100.0 * ARCSEC
 """Standard deviation of the ringing with which a ramp begins; on a drawn robot of 7 Hz (10139) it was 30″."""
 DELAY_LEFT_OPEN_S = 5e-6
-"""Measured: least standard error of Δ. On the fifth of the robots 50401 to 50600 that stated the least, 7 µs in the median, Δ was
-off by 11 µs (rms)."""
+"""Measured: least error of Δ: on the fifth of the robots 50401 to 50600 that stated the least, 7 µs, it was off by 11 µs
+(rms)."""
 POOR_MISS = 0.05
 """Part of a vibration that a gear misses from which a fit from another start is worth its time."""
 MOST_MISS = 0.1
-"""Measured: most of a vibration that a gear may miss: on a drawn robot (10116) a gear that missed 5 % had A_k right to 4 %, ± 5
-%, and the linear arm 80 to 120 % too large."""
+"""Measured: part of a vibration that a gear may miss: on robot 10116 one that missed 5 % had A_k right to 4 %, the linear arm 80
+to 120 % too large."""
 MOST_DAMPED = 1e7
 """Accuracy: Marquardt's damping of the shortest step that is tried, 1e-7 of Gauss and Newton's."""
 SIZES = {

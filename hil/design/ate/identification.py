@@ -50,10 +50,10 @@ DELAYS, FINE_DELAYS = 11, 21
 SPRING_MISS = 0.01
 """Part of its vibration that an arm on a spring misses at most."""
 UNSHARED = 0.25
-"""Measured: part of the missed part's square that one direction does not share with the other.
+"""Measured: part of the missed part's square that directions do not share.
 
-Only that part turns φ_k: a shift of time turns it one way forwards and the other way backwards. On the drawn robots 50201 to
-50400 the rms of z of φ_k is 0.84 to 1.01 with it, and 0.50 to 0.81 with 1."""
+Only that turns φ_k: a shift of time turns it one way forwards, the other way backwards. On the robots 50201 to 50400 the rms of z
+of φ_k is 0.84 to 1.01 with it, 0.50 to 0.81 with 1."""
 OF_ONE_WAY, ALL_OF_ARM = 2, 4
 """Bound: unknowns of an arm that one direction tells, ω and ζ, and all with delay and bend."""
 DELAY_KEY = "accelerometer_delay_s"

@@ -23,7 +23,7 @@ Real = NDArray[np.float64]
 BELOW_RESONANCE = (0.08, 0.35)
 """Accuracy: band of the fit by the arm's frequency; at its end a gear that is 30 % softer than thought is felt with 6 %."""
 BLOCK_PERIODS = 2.0
-"""Length of the blocks between which the factor's standard error is read, in periods of the band's lower edge."""
+"""Accuracy: the same of the factor's standard error, in periods of the band's lower edge: a factor of 2 changes nothing."""
 
 
 def motion_factor(

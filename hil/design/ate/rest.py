@@ -13,7 +13,7 @@ Real = NDArray[np.float64]
 STANDING = 1e-3
 """Speed over the largest one below which the motor stands."""
 STILL_ROOM = 2.0
-"""Probability: the sensor's variance over that while the motor stands. Of 30 samples, the latter is right to 26 %: 4 standard
+"""Probability: the sensor's variance over that while the motor stands, which of 30 samples is right to 26 %: 4 standard
 errors."""
 
 

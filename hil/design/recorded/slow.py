@@ -15,8 +15,7 @@ Real = NDArray[np.float64]
 MOST_DEGREE = 24
 """Bound of the degrees that are tried."""
 LEFT_OUT_TURNS = 0.5
-"""Measured: revolutions that are left out in one piece: on 300 recordings the rms of z is 0.97 to 1.04
-(docs/recordings-method.md)."""
+"""Measured: revolutions that are left out in one piece: on 300 recordings the rms of z is about 1 (docs/recordings-method.md)."""
 FOLDS = 5
 """Parts of the cross-validation that chooses the degree."""
 WAVES_BELOW = 1.2

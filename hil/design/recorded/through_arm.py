@@ -31,8 +31,7 @@ DIFFERENCE = 0.05
 MOST_FINE = 4_000_000
 """Bound: memory of a fit: 32 MB for each column."""
 MOST_KEPT = 6
-"""Accuracy: arms, or orders, whose waves are kept, for time alone: those of one standard error, or of several stretches in
-turn."""
+"""Accuracy: arms, or orders, whose waves are kept, for time alone: those of one standard error, or of several stretches."""
 
 
 @dataclass(frozen=True)

@@ -38,12 +38,11 @@ LOWEST_HZ = 0.3
 LEAST_NOISE_M_S2 = 1e-5
 """Bound: noise that every accelerometer has: no verdict rests on less."""
 LEAK = 0.01
-"""Measured: fraction of the vibration of other orders that a response which is not quite X adds to an order's: on 130 drawn
-robots the rms of z of a cancellation's factor and turn is 0.45 to 0.95."""
+"""Measured: fraction of other orders' vibration that a response which is not quite X adds to an order's: on 130 drawn robots the
+rms of z of a cancellation's factor and turn is 0.45 to 0.95."""
 JOLT = 0.6
-"""Measured: what of the motion's own vibration an order takes as its own, as a fraction of its projection on the order's wave: on
-119 drawn arms below 7 Hz (10142 to 10341, 50001 to 50200) with the true cancellation, 190 orders kept 0.6 of it (root mean
-square; nine in ten less than 1.0)."""
+"""Measured: what of the motion's own vibration an order takes as its own, by its projection on the order's wave: on 119 drawn
+arms below 7 Hz (10142 to 10341, 50001 to 50200), 190 right orders kept 0.6 of it (rms; nine in ten less than 1.0)."""
 LIKELY = (0.04, 0.4, 0.003)
 """Standard deviations of a model before the fit: of ln f, of ln ζ, and of the sensor's delay in s."""
 

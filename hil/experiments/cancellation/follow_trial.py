@@ -29,8 +29,7 @@ from hil.reporter import SILENT, Reporter
 from hil.results.following import FollowingBegin, FollowingEntry, FollowingPeak
 
 LOUDER_MM = 0.001
-"""Measured: harmless rise of the tip's peak: none of 13 drawn robots with a right cancellation was louder by more
-(docs/cancellation-following.md)."""
+"""Measured: harmless rise of the tip's peak: none of 13 robots was louder by more (docs/cancellation-following.md)."""
 LITTLE = 0.05
 """Measured with `LOUDER_MM`: part of the largest fall up to which a rise that may be noise is taken for noise."""
 MOST_BEGIN = 0.6

@@ -29,8 +29,7 @@ Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 REACH = (0.45, 1.2)
-"""Frequencies that count as in the band, by its ends: its skirts let through what is large, and sums and differences of
-orders."""
+"""Frequencies that count as in the band, by its ends: its skirts let through what is large, and sums of orders."""
 SLOWEST = 0.05
 """Motor speed below which nothing is read, in rev/s, as a fraction of f_al in Hz: there the start's jerk is all that rings."""
 LEAST_REACH_S = 0.1

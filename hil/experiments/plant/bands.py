@@ -17,11 +17,11 @@ LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
 LARGEST_LOW_HZ = 3.0
 """Bound: lower end of the band: from there down the inertia of the whole axis shows, whatever the arm."""
 BIAS_RPS = 2.0
-"""Bound: usual bias speed: beyond the Stribeck range of most gears (`STRIBECK_RAD_S`), and a turn shows every order in half a
+"""Bound: usual bias speed: beyond most gears' Stribeck range (`STRIBECK_RAD_S`), and a turn shows every order in half a
 second."""
 AWAY = 1.3
 """Measured: factor between the frequency of an order and f_a that is far enough: with 1.35, τ_C of two of sixty drawn robots had
-15 times the error, since their slow turns were slower, and J_m of three was further off."""
+15 times the error, since slow turns were slower."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Accuracy: bias speeds that are tried, as factors of the usual one, until one is `AWAY`."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)

@@ -34,7 +34,7 @@ PER_STRETCH = (9, 8, 7, 6, 5, 3)
 PILOT_PERIODS = min(PER_STRETCH)
 """Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
-"""Periods in all below which the scatter between them is not a measure of confidence."""
+"""Probability: periods below which the scatter between them, right to 1/√(2·5) = 32 %, is no measure of confidence."""
 SLOW_TURNS = 4.0
 """Motor turns of a slow stretch."""
 SLOW_RPS = (0.4, 0.8)
@@ -45,7 +45,7 @@ FAST_RPS, FAST_FRACTION = 3.5, 0.5
 LEAST_TURNS = 6.01
 """Bound: motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
 SLOWER = (1.0, 0.85, 0.7, 0.55, 0.4)
-"""Factors of the wanted bias speed that are tried on an arm until the stretch fits; the slow turns use the first three."""
+"""Accuracy: factors of the wanted bias speed that are tried on an arm until the stretch fits; slow turns use the first three."""
 
 ExcitedSignal = Literal["torque", "reference"]
 Shape = Literal["multisine", "chirp"]
