@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 PROBABILITY = 0.975
-"""Probability: probability: probability: probability: probability: probability: probability: probability: probability from which
-a claim counts as true."""
+"""Probability: from which a claim counts as true."""
 SIGMAS = NormalDist().inv_cdf(PROBABILITY)
 """The same as standard errors by which an estimate must meet the claim."""
 FAR_SIGMAS = 3.0

@@ -34,7 +34,7 @@ ALIKE = 0.5
 """Measured with `FLOOR_WIDTH`: degrees of freedom of a sum over stretches, by those of noise: what a slow part leaves is
 alike."""
 MOST_LOOKS = 12
-"""Bound of a scan: a look takes out one order."""
+"""Bound: looks of a scan, each of which takes out one order."""
 MOST_TAKEN = 0.4
 """Orders to either side of one that was taken out that it may have taken along, at most."""
 
