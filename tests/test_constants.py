@@ -100,8 +100,8 @@ KIND = re.compile(r"(Bound|Probability|Accuracy|Measured( with .*?)?): ", re.DOT
 of a measurement, which it names; and a step, a grid or a tolerance with the error that it leaves.
 
 *A factor of 2* says what a division and a multiplication by √2 change at most, in standard errors if nothing else is named, on
-the drawn robots 10700, 10712, 10730 and 10735."""
-MOST_CONSTANTS = {"hil/design": (246, 86), "hil/experiments": (210, 99)}
+the drawn robots 10700, 10712, 10730 and 10735; a plant's fit on the last three, since the lag of the first lies at its bound."""
+MOST_CONSTANTS = {"hil/design": (246, 82), "hil/experiments": (210, 99)}
 """Numbers at the top of a package's modules, and how many of them are of no kind, so somebody's choice: neither may rise."""
 
 

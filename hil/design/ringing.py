@@ -35,14 +35,14 @@ Real = NDArray[np.float64]
 RANGE_HZ = (2.0, 48.0)
 """Bound: frequencies that are looked at: arms of robots ring at 4 to 30 Hz."""
 GRID_STEP = 0.035
-"""Accuracy: distance of two frequencies of the grid, as a logarithm; the fit goes on from the best."""
+"""Accuracy: distance of two frequencies of the grid, as a logarithm: a factor of 2 changes f_al by 3e-4 of its error."""
 DAMPINGS = (0.012, 0.03, 0.06, 0.12, 0.22)
 """Accuracy: damping ratios of the grid, a factor of 2 apart, from the best of which the fit goes on."""
 RAMP_END_S = 0.05
 """Measured with the constants below on 340 drawn ramps, none wrong by more than 10 % (docs/theory-judgement.md): end of the ramp
 that is not used."""
 PADDING_S = 3.0
-"""Accuracy: time by which a transform is longer than its recording: a factor of 2 changes f_al by less than 1e-4 errors."""
+"""Accuracy: time by which a transform is longer than its recording: a factor of 2 changes f_al by less than 1e-4 of its error."""
 TOP_RATE_HZ = 200.0
 """Bound: sampling beyond which every n-th sample says all, 4 times the highest frequency."""
 

@@ -22,7 +22,7 @@ Complex = NDArray[np.complex128]
 PAPER_ORDERS = (2, 4)
 """Bound: orders of eq. (2)."""
 SMOOTHED = 5.0
-"""Samples over which the motor speed is smoothed."""
+"""Accuracy: samples over which the motor speed is smoothed: a factor of 2 changes estimates by 3e-4, errors by 4 %."""
 SHOWN = (0.42, 0.5)
 """Bound: frequencies over the sampling rate between which a wave fades out, gradually, since a jump shakes the arm."""
 

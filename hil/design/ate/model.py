@@ -32,7 +32,7 @@ LEAST_SENSOR_NOISE = 0.05
 BAND = (0.5, 2.1)
 """Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 RING_DOWN_RAD = 300.0
-"""Accuracy: radians of the lowest frequency by which a transform is padded: of ζ = 0.02, e⁻⁶ = 0.25 % wraps into its start."""
+"""Accuracy: radians of the lowest frequency by which a transform is padded: a factor of 2 changes nothing."""
 
 
 @dataclass(frozen=True)
