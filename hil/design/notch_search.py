@@ -50,8 +50,8 @@ STARTS = (
     (0.06, 0.10, 0.20, 0.60, 1.50, 4.2, 0.20),
     (0.03, 0.10, 0.15, 0.60, 1.50, 4.2, 0.20),
 )
-"""Accuracy: filters from which a search starts and goes on, good on several robots, and the paper's: ω_d/2π, ζ_rn, ζ_rdth, f_s,
-f_e, corner of the speed's low-pass, slopes; the first and the sixth in units of f_al, speeds in units of f_al/k."""
+"""Filters from which a search starts, good on several robots, and the paper's: ω_d/2π, ζ_rn, ζ_rdth, f_s, f_e, corner of the
+speed's low-pass, slopes; the first and the sixth in units of f_al, speeds in units of f_al/k."""
 
 LOGARITHMIC = [1, 2, 5]
 """Parameters of a `Space` that are logarithmic in it."""

@@ -23,7 +23,7 @@ from hil.results.runs import ShaperEntry
 MOST_MODES = 2
 """Modes that a shaper is convolved for: each makes the motion longer."""
 DETUNED = 0.1
-"""Bound: error of the frequency, as a part of it, at which the remaining vibration is stated."""
+"""Error of the frequency, as a part of it, at which the remaining vibration is stated."""
 
 
 def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:

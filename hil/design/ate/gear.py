@@ -26,7 +26,7 @@ LEAST_SOFTNESS, LEAST_HYSTERESIS_RAD = 1e-5, 1e-10
 RIPPLE_ROUNDS = 2
 """Accuracy: rounds in which the ripple is evaluated at the angle that contains it: of 500″ at order 4, each leaves 1 %."""
 BALANCED = 200
-"""Instants of a period, arm angles, and torsions under gravity at which a harmonic balance evaluates the gear."""
+"""Accuracy: instants of a period, arm angles, and torsions under gravity of a harmonic balance: a factor of 2 changes 0.004."""
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,7 @@ class AteRequest:
 GEAR_FRACTION_ERROR = 0.15
 """Bound: standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
 FARTHEST_DELAY_S = 0.010
-"""Bound: delay from a plant's beyond which none is searched."""
+"""Delay from a plant's beyond which none is searched."""
 
 
 @dataclass(frozen=True)

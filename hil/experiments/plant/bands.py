@@ -23,7 +23,7 @@ AWAY = 1.3
 """Measured: factor between the frequency of an order and f_a that is far enough: with 1.35, τ_C of two of sixty drawn robots had
 15 times the error, since slow turns were slower."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
-"""Accuracy: bias speeds that are tried, as factors of the usual one, until one is `AWAY`."""
+"""Bias speeds that are tried, as factors of the usual one, until one is `AWAY`."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
