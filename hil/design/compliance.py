@@ -14,11 +14,11 @@ from hil.design.frequency import Complex, Loop
 Real = NDArray[np.float64]
 
 COMPLIANCE_BAND_HZ = (0.1, 30.0)
-"""Band in which the largest compliance is searched: process forces and the resonances of the arm."""
+"""Bound: band of process forces and of the arm's resonances, in which the largest compliance is searched."""
 SLOW_HZ = 1.0
-"""Frequency that stands for process forces: the integral action still works there."""
+"""Bound: frequency that stands for process forces: the integral action still works there."""
 POINTS = 600
-"""Frequencies of the curve, 1 % apart."""
+"""Accuracy: frequencies of the curve, 1 % apart: a peak of ζ = 0.03 is at most 1.2 % too low."""
 
 
 @dataclass(frozen=True)

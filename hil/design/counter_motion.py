@@ -16,13 +16,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 DEGREE = 3
-"""Terms of the series; the next is (k N A_k)³ times the first, 0.1 % where k N A_k is 0.1."""
+"""Accuracy: terms of the series; the next is (k N A_k)³ times the first, 0.1 % where k N A_k is 0.1."""
 LEAST = 5e-4
-"""Least amplitude of a mixed wave over that of the largest order's own."""
+"""Accuracy: mixed waves that are left out are below 5e-4 of the largest order's own."""
 MOST_WAVES = 32
-"""Mixed waves of an axis; the largest are kept."""
+"""Accuracy: mixed waves of an axis, the largest: of three orders all, of six up to 0.14 % of an order (k N A_k = 0.03)."""
 DECIMALS = 9
-"""Orders that agree to so many decimals are one."""
+"""Accuracy: decimals in which orders agree that are one."""
 
 
 @dataclass(frozen=True)

@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 PROBABILITY = 0.975
-"""Probability from which a claim counts as true."""
+"""Probability: from which a claim counts as true."""
 SIGMAS = NormalDist().inv_cdf(PROBABILITY)
 """The same as standard errors by which an estimate must meet the claim."""
 FAR_SIGMAS = 3.0
-"""Standard errors from which a difference is hardly chance: chance alone makes one of 370 so large."""
+"""Probability: standard errors from which a difference is hardly chance: one of 370 is so large by chance."""
 SURE_SIGMAS = 4.0
-"""The same for what every run checks several times: chance makes one of 16 000 so large, so good runs hardly ever stop."""
+"""Probability: the same for what every run checks several times: one of 16 000 is so large, so good runs hardly ever stop."""
 SEEN_SIGMAS = 5.0
-"""Standard errors of an amplitude from which it is measured: to 20 %."""
+"""Probability: standard errors of an amplitude from which it is measured: to 20 %."""
 SEARCHED_SIGMAS = 8.0
-"""The same of the largest of many, or of a model that was searched for: of 10⁶ samples with normal noise none is so large."""
+"""Probability: the same of the largest of many, or of a model that was searched for: noise reaches it in none of 10⁶ samples."""
 DIFFERENCE_STEP = np.finfo(np.float64).eps ** (1.0 / 3.0)
 """Step of a central difference, 6e-6, at which rounding and curvature err alike."""
 ROUNDING = math.sqrt(np.finfo(np.float64).eps)
 """Relative size, 1.5e-8, below which what is left of a difference or a product of matrices is rounding."""
 EVALUATIONS = 100
-"""Bound of a fit from one start; one that needs more has not come near a minimum."""
+"""Accuracy: evaluations of a fit from one start: a factor of 2 changes 0.003."""
 
 
 class UnidentifiableError(ValueError):

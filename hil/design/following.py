@@ -26,11 +26,10 @@ Complex = NDArray[np.complex128]
 FITTED = (0.45, 2.4)
 """Frequencies over f_al between which the response is fitted."""
 FIT_POINTS, FIT_ROUNDS = 200, 6
-"""Frequencies of a fit, 1 % apart, and its rounds, each weighted by the denominator of the one before.
-
-Source: C. K. Sanathanan, J. Koerner, IEEE Trans. Automatic Control 8 (1963) 56."""
+"""Accuracy: frequencies of a fit, 1 % apart, and its rounds, each weighted by the denominator of the one before. Source: C. K.
+Sanathanan, J. Koerner, IEEE Trans. Automatic Control 8 (1963) 56."""
 ROUNDING_POINTS = 2000
-"""Frequencies over which a filter's noise by rounding is summed."""
+"""Accuracy: frequencies over which a filter's noise by rounding is summed, 0.02 % too low."""
 
 
 @dataclass(frozen=True)

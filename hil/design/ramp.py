@@ -23,7 +23,7 @@ from hil.design.transmission_error import TransmissionError
 Real = NDArray[np.float64]
 
 SAMPLE_S = 0.002
-"""Time between two samples of the result: 500 Hz shows vibrations up to 25 Hz with ease."""
+"""Bound: time between two samples of the result: 500 Hz shows vibrations up to 25 Hz with ease."""
 
 
 @dataclass(frozen=True)

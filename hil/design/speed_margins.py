@@ -16,7 +16,8 @@ Complex = NDArray[np.complex128]
 
 _COMPLEX = CORE.dtype("complex_real")
 FINE_BAND = (0.33, 2.7)
-"""Band in which filters act on a resonance, in units of f_a of the arm on its gear; looked at more finely than the rest."""
+"""Accuracy: band in which filters act, and loops are computed finely, in units of f_a of the arm on its gear: a factor of 2
+changes M_s of Table 3 by 0.004 %."""
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,11 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 PAPER_ORDERS = (2, 4)
-"""Orders of eq. (2)."""
+"""Bound: orders of eq. (2)."""
 SMOOTHED = 5.0
-"""Samples over which the motor speed is smoothed."""
+"""Accuracy: samples over which the motor speed is smoothed: a factor of 2 changes estimates by 3e-4, errors by 4 %."""
 SHOWN = (0.42, 0.5)
-"""Frequencies over the sampling rate between which a wave fades out: up to half of it, gradually, since a jump shakes the arm."""
-RING_DOWN = 6.0
-"""Time constants of the arm on its gear for which the transform is padded, so that its end does not wrap into its beginning."""
+"""Bound: frequencies over the sampling rate between which a wave fades out, gradually, since a jump shakes the arm."""
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,11 @@ DEFAULT_PERCENT = 5.0
 """Uncertainty of gear stiffness and arm inertia where no other is given."""
 
 CORNER_SIGMAS = 2.0
-"""Standard errors by which a value may well be off: the distance of a corner from the nominal plant.
-
-What is no more than that is not told from 0."""
+"""Probability: standard errors by which a value may well be off, as a corner is: chance does it to one of 22. What is no more is
+not told from 0."""
 
 LEAST_SPREAD = 0.03
-"""Least relative distance of a corner, however small the standard errors are: they say how well one measurement was made, not
-how far load, temperature and wear take the robot away from it."""
+"""Least relative distance of a corner: standard errors do not tell how far load, temperature and wear take a robot."""
 
 
 @dataclass(frozen=True)

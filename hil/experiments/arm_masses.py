@@ -28,25 +28,24 @@ from hil.design.coupled.masses import (
     dips_of,
     fit_masses,
 )
+from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import HilError, NotPossibleError
 from hil.results.arm import ArmResult, LineDips, MeasuredDip
 
 Real = NDArray[np.float64]
 
 FEWEST_POSTURES = 3
-"""Postures below which nothing is fitted: fewer leave the masses behind one joint undetermined."""
+"""Bound: postures below which nothing is fitted: fewer leave the masses behind one joint undetermined."""
 TRIED_POSTURES = 80
 """Postures of the workspace, of which one is named that would tell most."""
 ALONG_LINE = 21
-"""Points of the line at which dips are predicted."""
+"""Accuracy: points of the line at which dips are predicted, 5 % of it apart."""
 NEAR_DEG = 5.0
 """Difference of every joint up to which a posture is near to the line."""
 STAYS_DEG = 0.5
 """Turn of a joint that counts as none."""
 BODIES_OFF = 0.05
 """Relative distance of a dip from which the bodies of the bench file do not fit."""
-LARGE_MISFIT = 2.0
-"""Misfit from which the postures contradict each other."""
 POOR_PERCENT = 2.0
 """Standard error of a predicted dip above which a note asks for one more posture."""
 
@@ -127,7 +126,7 @@ class _Arm:
         following = self._posture_of(around[fit.best])
         line, notes = self._line(fit, following)
         worst = max((e / hz for each in line for hz, e in zip(each.dips_hz, each.standard_error_hz, strict=True)), default=0.0)
-        if fit.misfit > LARGE_MISFIT:
+        if fit.misfit > CORNER_SIGMAS:
             notes.append(f"the masses do not explain the measured modes well: {_misfit_words(fit.misfit, rigid)}")
         if 100.0 * worst > POOR_PERCENT:
             notes.append(

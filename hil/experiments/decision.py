@@ -11,10 +11,10 @@ from typing import Self
 from hil.design.estimation import PROBABILITY
 
 MOST_RUNS = 4
-"""Most runs of either kind where one leaves a claim open: the mean of n runs halves the sensor's noise at n = 4."""
+"""Bound: runs of either kind where one leaves a claim open: the mean of n runs halves the sensor's noise at n = 4."""
 
 RISK = 0.1
-"""Probability of a harm from which it is not risked after the last run: a harm costs as much as nine needless refusals."""
+"""Probability: of a harm from which it is not risked after the last run: a harm costs as much as nine needless refusals."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from hil.robot_tables import ORDERS
 PAPER_F_AL_HZ = {2: 11.84, 3: 11.45}
 """f_al of the paper's robot by axis; source: the paper, Table 1."""
 PAPER_LINE_AXIS = 2
-"""Axis by whose f_al the line motion of the paper's robot becomes a displacement."""
+"""Bound: axis by whose f_al the line motion of the paper's robot becomes a displacement."""
 PAPER_TOLERANCE = 0.05
 """Relative difference from the paper's f_al beyond which an axis is another one."""
 

@@ -24,9 +24,7 @@ from hil.reporter import SILENT, Reporter
 from hil.results.base import LOG_FILE, RESULT_FILE, MeasuredBench, MeasuredResult
 
 MAX_MISSED = 0.005
-"""Fraction of a motion's cycles that may lack an answer, a set-point in time, or what tells the tip.
-
-Beyond it a run does not count."""
+"""Fraction of a motion's cycles that may lack an answer, a set-point in time, or what tells the tip."""
 
 ClockName = Literal["lock-step", "wall"]
 

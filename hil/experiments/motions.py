@@ -15,9 +15,8 @@ from hil.master.request import check_acceleration
 from hil.robot_tables import LineMotion
 
 MARGIN_REV = 0.5
-"""Distance of a planned travel from the bench file's position limits.
-
-A motor lags its set-point, 0.4 rev at 10 rps and K_pp = 25/s, and an excitation comes on top of it."""
+"""Bound: distance of a planned travel from the position limits: a motor lags its set-point by 0.4 rev at 10 rps and K_pp = 25/s,
+and an excitation comes on top."""
 
 CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
 

@@ -32,10 +32,8 @@ from hil.robot_tables import Control
 WAY_RAMP_S: Final = 0.3
 """Ramp at either end of a way."""
 SLOW_FRACTION: Final = 0.25
-"""Fraction of an axis' speed limit at which it is moved, where `approach_rps` is not slower.
-
-The way of a quick stop, v²/(2 a), is then a sixteenth of that from the speed limit: 0.09 rev instead of 1.44 rev from 12 rev/s at
-50 rev/s². The tip of the reference robot goes at 0.11 m/s, below the 0.25 m/s of ISO 10218-1 for manual operation."""
+"""Bound: fraction of an axis' speed limit at which it is moved, where `approach_rps` is not slower: the tip of the reference
+robot goes at 0.11 m/s, below the 0.25 m/s of ISO 10218-1 for manual operation, and a quick stop takes a sixteenth of its way."""
 
 
 def way_of(number: int, way_rad: float, speed_rps: float, period_s: float, most_rps_s: float | None = None) -> Motion:

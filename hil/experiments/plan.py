@@ -306,10 +306,10 @@ TABLE_1 = {2: (11.84, 5.92, 2.96), 3: (11.45, 5.72, 2.86)}
 """f_al in Hz, f_m2 and f_m4 in rps, by axis."""
 
 PAPER_LINE_AREA_PCT = 26.0
-"""Reduction of the area of the line motion's spectrum; section 5.2."""
+"""Bound: reduction of the area of the line motion's spectrum; section 5.2 of the paper."""
 
 TOLERANCE = 0.005
-"""Relative difference up to which a figure of Table 1 counts as met: they are given with three to four digits."""
+"""Bound: relative difference up to which a figure of Table 1 counts as met: they have three to four digits."""
 
 
 Number = int | float | str

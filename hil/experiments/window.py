@@ -38,7 +38,7 @@ from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_a
 Real = NDArray[np.float64]
 
 NOISE_PEAK = 2.5
-"""Largest value of a band's noise in a window, in units of its root mean square: that of a dozen independent samples."""
+"""Probability: largest value of a band's noise in a window by its root mean square: that of a dozen independent samples."""
 
 
 @dataclass(frozen=True)

@@ -21,21 +21,18 @@ from typing import Literal
 
 import numpy as np
 
+from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.design.estimation import SURE_SIGMAS
 from hil.passport.store import OrderSides
 
 OriginName = Literal["gear", "motor", "motor or gear"]
 
 LEAST_LOADS = 3
 """Different loads from which a change with the load is told."""
-CHANGE_SIGMAS = 4.0
-"""Standard errors of a change with load or direction from which it is one."""
-TURN_SIGMAS = 4.0
 MOTOR_TURN_DEG = 45.0
 """Turn of φ_k between the directions from which a torque is behind it; gears' flanks differ by some degrees."""
 GEAR_TURN_DEG = 20.0
 """Turn below which, two standard errors counted in, it is an angle."""
-ORDER_SIGMAS = 3.0
-"""Standard errors from which an order is there."""
 COGGING_LEAK = 0.1
 """Part of the largest order up to which cogging may show beside the motor's motion all the same; 0.03 was seen."""
 LIKE = 1.5
@@ -97,7 +94,8 @@ def origin_of_order(
     """
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []
-    there = [each for each in found if each.a_arcsec >= ORDER_SIGMAS * each.error_arcsec and each.over_largest >= COGGING_LEAK]
+    significant = [each for each in found if each.a_arcsec >= SIGNIFICANT_SIGMAS * each.error_arcsec]
+    there = [each for each in significant if each.over_largest >= COGGING_LEAK]
     if any(each.seen_by == "motion" for each in there):
         gears.append("seen in addition to the motor's measured motion, which contains all of its torques")
     if change is not None and change[1]:
@@ -131,7 +129,7 @@ def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
     backward = float(weights @ np.array([each.a_backward_arcsec for each in known]))
     if abs(turn) + 2.0 * error < GEAR_TURN_DEG:
         return "gear", f"φ does not change with the direction ({turn:+.0f} ± {error:.0f}°), so it is an error of angle"
-    if abs(turn) > max(MOTOR_TURN_DEG, TURN_SIGMAS * error) and max(forward, backward) < LIKE * min(forward, backward):
+    if abs(turn) > max(MOTOR_TURN_DEG, SURE_SIGMAS * error) and max(forward, backward) < LIKE * min(forward, backward):
         return "motor", f"φ turns by {turn:+.0f} ± {error:.0f}° with the direction, and A does not change, so it is a torque"
     return None
 
@@ -142,7 +140,7 @@ def _change(found: Sequence[Conditions]) -> tuple[str, bool] | None:
     if all(len(side) >= LEAST_LOADS for side in sides):
         means = [float(np.mean([each.a_arcsec for each in side])) for side in sides]
         spread = math.hypot(*(_error(side) for side in sides))
-        return "with the direction", bool(abs(means[0] - means[1]) > CHANGE_SIGMAS * spread)
+        return "with the direction", bool(abs(means[0] - means[1]) > SURE_SIGMAS * spread)
     loaded = [each for each in found if each.load_kg is not None]
     loads = np.array([each.load_kg for each in loaded], dtype=np.float64)
     if len(np.unique(loads)) < LEAST_LOADS:
@@ -153,7 +151,7 @@ def _change(found: Sequence[Conditions]) -> tuple[str, bool] | None:
     rest = amplitudes - amplitudes.mean() - slope * about
     own = float(np.mean([each.error_arcsec**2 for each in loaded]))
     variance = max(float(rest @ rest) / max(1, len(loaded) - 2), own)
-    return "with the load", bool(abs(slope) > CHANGE_SIGMAS * math.sqrt(variance / float(about @ about)))
+    return "with the load", bool(abs(slope) > SURE_SIGMAS * math.sqrt(variance / float(about @ about)))
 
 
 def _error(side: Sequence[Conditions]) -> float:

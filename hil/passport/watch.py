@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.passport.alarm import AlarmLimits, Real, Watched, unwound_deg, watched
 from hil.passport.conditions import RunCondition, design_of
 from hil.passport.origin import Conditions, Motor, OriginName, origin_of_order
@@ -17,8 +18,6 @@ FALSE_ALARMS = 1e-3
 DIRECTIONS = {"forward": 1, "backward": -1}
 LEAST_TOLD = 0.05
 """Fraction of a scatter from which it is said that a condition explains it."""
-PHASE_SIGMAS = 3.0
-"""Standard errors from which an amplitude has a phase that is watched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +148,7 @@ def trends(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str 
 
 
 def _is_seen(line: OrderLine) -> bool:
-    return line.a_arcsec >= PHASE_SIGMAS * line.a_error_arcsec
+    return line.a_arcsec >= SIGNIFICANT_SIGMAS * line.a_error_arcsec
 
 
 def _conditions(run: PassportRun, line: OrderLine) -> Conditions:

@@ -44,28 +44,27 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 LARGEST_ENCODER = 13.0
-"""Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
+"""Bound: an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
 SCORING_STEPS = 8
-"""Most steps in a round of scoring."""
+"""Accuracy: steps in a round of scoring, most of them: 12 change nothing."""
 SEARCHING, FINISHING = (2, 1.0), (4, 0.01)
-"""Rounds of scoring and noise from each gear and from the best, and the gain in log-likelihood below which a step or round is the
-last: that of a move by 1.4 standard errors, or by a seventh of one."""
+"""Accuracy: rounds of scoring and noise from each gear and from the best, and the gain in log-likelihood below which a step or
+round is the last: a move by 1.4 standard errors, or by 0.14."""
 ADDITIVE = ("softness", "hysteresis")
 """Unknowns whose exponential scales a torque. Where the ramps show none of it, the gradient pulls the logarithm down, and the
 curvature contains that pull: d²/dx² f(eˣ) = df/dx for a proportional f. Without it, Fisher's scoring oversteps."""
 RINGING_RAD = 100.0 * ARCSEC
 """Standard deviation of the ringing with which a ramp begins; on a drawn robot of 7 Hz (10139) it was 30″."""
 DELAY_LEFT_OPEN_S = 5e-6
-"""Least standard error of Δ: on the fifth of the robots 50401 to 50600 that stated the least, 7 µs in the median, Δ was off by
-11 µs (rms)."""
+"""Measured: least error of Δ: on the fifth of the robots 50401 to 50600 that stated the least, 7 µs, it was off by 11 µs
+(rms)."""
 POOR_MISS = 0.05
 """Part of a vibration that a gear misses from which a fit from another start is worth its time."""
 MOST_MISS = 0.1
-"""Most of a vibration that a gear may miss and still be the gear: it is in the errors.
-
-On a drawn robot (10116) a gear that missed 5 % had A_k right to 4 %, ± 5 %, and the linear arm 80 to 120 % too large."""
+"""Measured: part of a vibration that a gear may miss: on robot 10116 one that missed 5 % had A_k right to 4 %, the linear arm 80
+to 120 % too large."""
 MOST_DAMPED = 1e7
-"""Marquardt's damping beyond which no shorter step is tried: that of 1e-7 of Gauss and Newton's."""
+"""Accuracy: Marquardt's damping of the shortest step that is tried, 1e-7 of Gauss and Newton's."""
 SIZES = {
     "resonance": 1e-3, "damping": 0.02, "gear_fraction": 0.2, "bend": 1e-3, "droop": 1e-3, "delay": 1e-4, "dispersion": 0.01,
     **dict.fromkeys(OF_IMAGES, 0.05),

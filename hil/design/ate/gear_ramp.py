@@ -22,11 +22,10 @@ GEAR_BAND = (0.3, 2.1)
 TAPERED = 0.05
 """Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
 THINNED_STEPS_PER_RADIAN = 3.0
-"""Samples of a thinned recording per radian of the fastest vibration.
-
-On a soft gear with hysteresis the simulated arm then misses 0.09 % of its vibration, and 0.24 % with two samples."""
+"""Accuracy: samples of a thinned recording per radian of the fastest vibration: on a soft gear with hysteresis 0.09 % of the
+vibration are missed, and 0.24 % with two."""
 LEAST_STEP_RAD = 1e-9
-"""Step of an encoder whose readings show none: finer than any."""
+"""Bound: step of an encoder whose readings show none: finer than any."""
 OF_IMAGES = tuple(f"{part}_{degree}" for degree in range(3) for part in ("beyond", "turned"))
 """Unknowns of the sensor's filter beyond half of the sampling rate; the samples show such vibrations in the band.
 

@@ -14,11 +14,11 @@ from hil.design.order_map import SLOWEST_RPS
 Real = NDArray[np.float64]
 
 MEAN_S = 0.1
-"""Width of the mean over which torque and motion are slow."""
+"""Accuracy: width of the mean over which torque and motion are slow: a factor of 2 changes estimates by 0.01, errors by 6 %."""
 BLOCK_S = 0.5
-"""Length of the blocks between which the standard errors are read: the torque ripples with the vibration."""
+"""Accuracy: blocks between which standard errors are read: a factor of 2 changes estimates by 0.001, errors by 2 %."""
 MOTOR_SHARE = (0.1, 0.7)
-"""The motor's part of all inertia, where the arm's is not known."""
+"""Measured: the motor's part of all inertia where the arm's is not known: 0.17 to 0.65 on the drawn robots 10700 to 10764."""
 
 
 @dataclass(frozen=True)

@@ -44,18 +44,18 @@ from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 Real = NDArray[np.float64]
 
 SEARCH_HZ = (4.0, 35.0)
-"""Resonances among which an unknown arm is searched."""
+"""Bound: resonances among which an unknown arm is searched: arms ring at 4 to 30 Hz."""
 DELAYS, FINE_DELAYS = 11, 21
 """Delays of a search over arm and delay, and of the one for the delay alone."""
 SPRING_MISS = 0.01
 """Part of its vibration that an arm on a spring misses at most."""
 UNSHARED = 0.25
-"""Part of the missed part's square that one direction does not share with the other.
+"""Measured: part of the missed part's square that directions do not share.
 
-Only that part turns φ_k: a shift of time turns it one way forwards and the other way backwards. On the drawn robots 50201 to
-50400 the rms of z of φ_k is 0.84 to 1.01 with it, and 0.50 to 0.81 with 1."""
+Only that turns φ_k: a shift of time turns it one way forwards, the other way backwards. On the robots 50201 to 50400 the rms of z
+of φ_k is 0.84 to 1.01 with it, 0.50 to 0.81 with 1."""
 OF_ONE_WAY, ALL_OF_ARM = 2, 4
-"""Unknowns of an arm that one direction tells, ω and ζ, and all with delay and bend."""
+"""Bound: unknowns of an arm that one direction tells, ω and ζ, and all with delay and bend."""
 DELAY_KEY = "accelerometer_delay_s"
 ARM_KEYS = ("arm_hz", "damping")
 """Name of the sensor's delay among the values of an estimate."""

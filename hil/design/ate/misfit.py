@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 LEAST_MISSED = 3e-4
-"""Least part of a vibration that a model misses: by its steps, the spline between samples, and the sensor's filter.
-
-On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.11 with it, and 0.84 to 1.00 with 5e-4, with which
-it was 0.76 to 1.02 on the robots 50201 to 50400."""
+"""Measured: least part of a vibration that steps, spline and the sensor's filter miss. On 95 robots (10142 to 10241) the rms of z
+of A_k, φ_k and Δ is 0.86 to 1.11, and 0.84 to 1.00 with 5e-4, with which it was 0.76 to 1.02 on 50201 to 50400."""
 QUIET = 0.25
-"""Quantile of the blocks' powers that is taken for quiet."""
+"""Probability: quantile of the blocks' powers that is taken for quiet."""
 CHANCE = 1.5
-"""Power of a block over that of the noise up to which it may be chance."""
+"""Accuracy: power of a block over that of the noise up to which it may be chance: a factor of 2 changes nothing."""
 
 
 def block_powers(values: Real, length: int) -> Real:

@@ -15,26 +15,24 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.frequency import TwoInertia
-from hil.design.transmission_error import RING_DOWN, TransmissionError, acceleration_spectrum, shown_error, shown_waves
+from hil.design.transmission_error import TransmissionError, acceleration_spectrum, shown_error, shown_waves
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Signs = NDArray[np.int8]
 
 GEAR_FRACTION = 0.9
-"""ζ_g/ζ unless a plant gives it: most of the damping is the gear's. A tenth more or less is 0.2 ζ/ω in Δ, 0.1 ms, and no more."""
+"""Accuracy: ζ_g/ζ unless a plant gives it: most of the damping is the gear's. A tenth more or less is 0.2 ζ/ω in Δ, 0.1 ms."""
 DELAY_S = (-0.010, 0.030)
-"""Delays that are searched where none is known: half a period of the resonance more (42 ms at 12 Hz) looks like φ_k + 180°."""
+"""Bound: delays that are searched where none is known: half a period more (42 ms at 12 Hz) looks like φ_k + 180°."""
 EVEN = 2.0
-"""Ratio of the residuals of recordings from which they count by what each leaves.
-
-Where a part of the vibration was cancelled less is left, and what a gear that is not a spring makes of it is less as well."""
+"""Ratio of the residuals of recordings from which they count by what each leaves: less where vibration is cancelled."""
 LEAST_SENSOR_NOISE = 0.05
-"""Least fraction of a residual's power that is taken for the sensor's."""
+"""Accuracy: fraction of a residual's power that is the sensor's at least: a factor of 2 changes nothing."""
 BAND = (0.5, 2.1)
 """Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
-FLOOR = 0.02
-"""Smallest ζ ω, as a fraction of ω, for which a transform is padded."""
+RING_DOWN_RAD = 300.0
+"""Accuracy: radians of the lowest frequency by which a transform is padded: a factor of 2 changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +182,7 @@ class SweepModel:
         self.sample_s = self._every * period_s
         self.direction = sweep.direction[:: self._every]
         self._rows = np.flatnonzero(self.direction)
-        ring_down = round(min(RING_DOWN / (FLOOR * 2.0 * math.pi * band_hz[0]), 4.0) / period_s)
+        ring_down = round(min(RING_DOWN_RAD / (2.0 * math.pi * band_hz[0]), 4.0) / period_s)
         self._length = int(scipy.fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
         full = self._length * self._every
         waves = np.vstack([angle / reduction_ratio, shown_waves(angle, period_s, orders)])
@@ -417,7 +415,7 @@ def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, e
     angle, period_s = np.asarray(sweep.motor_angle_rad, dtype=np.float64), sweep.period_s
     waves = np.stack([angle / reduction_ratio + shown_error(error, angle, period_s), angle])
     length = int(
-        scipy.fft.next_fast_len(len(angle) + round(RING_DOWN / (FLOOR * 2.0 * math.pi * arm.resonance_hz) / period_s), real=True)
+        scipy.fft.next_fast_len(len(angle) + round(RING_DOWN_RAD / (2.0 * math.pi * arm.resonance_hz) / period_s), real=True)
     )
     frequency, (driven, own) = acceleration_spectrum(waves, period_s, length)
     late = np.exp(-2j * math.pi * frequency * arm.delay_s)

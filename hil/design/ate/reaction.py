@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.frequency import Loop
-from hil.design.order_map import order_tracks
+from hil.design.order_map import STEP, order_tracks
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -33,12 +33,12 @@ SHOWN_OVER_RESONANCE = 0.6
 SMOOTHED_S = 0.5
 """Time to either side over which the slow load is averaged."""
 LOSSLESS_ERROR = 0.1
-"""Standard deviation of the reaction of a gear from 1, that of one without losses; harmonic drives give back 80 to 95 %."""
+"""Bound: standard deviation of the reaction of a gear from 1, that without losses; harmonic drives give back 80 to 95 %."""
 REACTS = 0.5
-"""Prior probability that a gear reacts on its motor: neither is preferred."""
+"""Probability: prior that a gear reacts on its motor: neither is preferred."""
 FEWEST_WINDOWS = 20
 """Windows below which a torque says nothing of a reaction: a jackknife of fewer than two blocks has no spread."""
-BLOCK = 16
+BLOCK = round(2.0 / STEP)
 """Windows of a block: those that overlap, and as many again."""
 ARM_MISFIT = 0.05
 """Error of the arm's part, as a fraction of it: so far may the arm's response be wrong."""

@@ -17,13 +17,13 @@ from hil.design.frequency import MOUNTING_HZ
 Real = NDArray[np.float64]
 
 LARGEST_BEND = 0.17
-"""A mounting that resonates at 2.4 times the arm's frequency."""
+"""Bound: a mounting that resonates at 2.4 times the arm's frequency."""
 ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
 """Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
 CONVERGED = 1e-6
-"""Step of each unknown, by its size, below which there are no more."""
+"""Accuracy: step of each unknown, by its size, of the last round."""
 LEAST_ZETA = 0.003
-"""ζ below which more than the rounding has been taken out of the arm."""
+"""Bound: ζ below which more than the rounding has been taken out of the arm."""
 
 
 def refined(model: RampsModel, start: Arm, free: int = 3, bend_row: float = 0.0) -> Arm:

@@ -13,7 +13,8 @@ Real = NDArray[np.float64]
 STANDING = 1e-3
 """Speed over the largest one below which the motor stands."""
 STILL_ROOM = 2.0
-"""Most of the sensor's variance over that while the motor stands: of 30 samples, the latter is right to 26 %."""
+"""Probability: the sensor's variance over that while the motor stands, which of 30 samples is right to 26 %: 4 standard
+errors."""
 
 
 def variance_at_rest(signal: Real, speed: Real) -> float:

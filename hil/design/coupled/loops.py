@@ -18,9 +18,9 @@ from hil.design.frequency import Complex, Loop, Real
 from hil.design.speed_margins import OpenLoops, SpeedMargins, looked_at_hz, widened
 
 FINE_HZ = 45.0
-"""Frequency up to which an arm is looked at finely: filters of a motor that turns faster yet are wide there."""
+"""Accuracy: frequency up to which an arm is looked at finely: on the reference arm M_s is the same from 30 to 120 Hz."""
 POLE_SPEEDS = 8
-"""Speeds, within each filter's range, at which closed-loop poles are computed."""
+"""Accuracy: speeds of closed-loop poles in each filter's range: on the reference arm 3 to 32 give the same largest |z|."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,20 +22,20 @@ from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, ROUNDING
 from hil.design.frequency import Real
 
 RANK_TOLERANCE = 1e-5
-"""Singular value over the largest, all unknowns scaled alike, below which these postures do not determine a combination."""
+"""Accuracy: singular value over the largest, unknowns scaled alike, below which postures do not determine a combination."""
 LEAST_FREQUENCY_ERROR = 0.003
-"""Relative error of a dip at least: an excited joint turns by degrees, and its dips move by some tenths of a per cent."""
+"""Bound: relative error of a dip: an excited joint turns by degrees, and its dips move by some tenths of a per cent."""
 LEAST_INERTIA_ERROR = 0.01
 """Error of an effective inertia at least, in units of the joint's whole inertia."""
 MOST_STARTS, START_SPREAD, GOOD_COST = 4, 0.6, 1.0
-"""Starts of the fit at most, by how much the masses of their links differ (natural logarithm), and the cost of a residual, half
-its square, from which one is good enough: a fit may take dips for each other."""
+"""Starts of the fit, spread of their links' masses (natural logarithm), and cost of a residual from which one is good enough: a
+fit may take dips for each other."""
 MOST_MISFIT = 5.0
-"""Misfit from which masses are none, in standard errors."""
+"""Probability: misfit from which masses are none, in standard errors."""
 PER_BODY = 10
-"""Numbers of a link in θ."""
+"""Bound: numbers of a link in θ."""
 FAR_OFF = 1e3
-"""Residual of masses that no arm has."""
+"""Accuracy: residual of masses that no arm has: any that is far above all others."""
 
 
 @dataclass(frozen=True)

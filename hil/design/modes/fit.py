@@ -22,13 +22,13 @@ from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
 from hil.design.plant_spectra import Spectra
 
 MODE_GRID = 32
-"""Frequencies that are tried for a mode."""
+"""Accuracy: frequencies that are tried for a mode: a factor of 2 changes nothing of an arm of three links."""
 START_OPEN = 0.05
-"""Relative error that is left open while starts are looked for: dampings are not fitted there."""
+"""Accuracy: relative error that is left open while starts are looked for: a factor of 2 changes nothing of that arm."""
 DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.02)
-"""Delays of the accelerometer that are tried there."""
+"""Accuracy: delays of the accelerometer that are tried there: a factor of 2 changes nothing of that arm."""
 FOLLOWED = 2
-"""Starts of each number of modes that are followed."""
+"""Accuracy: starts of each number of modes that are followed: 1 to 3 give the same for that arm."""
 MODES_APART = 1.15
 """Least ratio of two modes' frequencies."""
 UNKNOWN_COST = 3.0

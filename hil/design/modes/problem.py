@@ -40,9 +40,9 @@ WITHOUT_TIP, WITH_TIP = LEVER, TURNED + 1
 INERTIA, FREQUENCY, ZETA, PART = range(4)
 """Unknowns of each further mode: ln J_i, ln ω_i, ln ζ_i, and with an accelerometer γ_i."""
 WIDEST = 0.3
-"""Largest change of ln ω_i in one round of the fit."""
+"""Accuracy: change of ln ω_i in one round of the fit: a factor of 2 changes nothing of an arm of three links."""
 SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
-"""Range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
+"""Bound: range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
 
 
 @dataclass(frozen=True)

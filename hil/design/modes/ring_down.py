@@ -23,7 +23,7 @@ from hil.design.frequency import TIP_HZ, Complex, Loop, Real
 from hil.design.modes.problem import ArmMode
 
 APART_HZ = 1e-3
-"""Difference below which two poles are one."""
+"""Accuracy: difference below which two poles are one."""
 FEWEST_SAMPLES = 64
 """Least number of samples after a stop in which a wave is told from the noise."""
 LONGEST_S = 1.0

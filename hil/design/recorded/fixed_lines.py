@@ -16,13 +16,13 @@ from hil.design.recorded.scan import MOST_LOOKS, floor_of, floor_reach, plain_am
 Real = NDArray[np.float64]
 
 KEEPS_FREQUENCY = 10.0
-"""Logarithm of the likelihood ratio of a fixed frequency and an order from which a line is of that frequency."""
+"""Probability: logarithm of the likelihood ratio of a fixed frequency and an order from which a line is of that frequency."""
 LINES_FROM_ORDER, LINES_FROM_TURNS = 1.5, 12.0
 """Order, and revolutions of a stretch, from which a line is looked for: below them slow parts look like lines."""
 STANDS_OUT = 3.0
 """Strength, by the median of the scan, from which an order is looked at."""
 MOST_FREQUENCIES = 4000
-"""Bound of a scan."""
+"""Bound: frequencies of a scan."""
 PIECES, STEADY_WITHIN = 4, 0.5
 """Parts of a stretch in each of which a line is there, and how far from its mean it may be in each, by the mean."""
 

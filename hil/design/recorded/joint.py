@@ -18,7 +18,7 @@ from hil.design.recorded.fit import AngleSection, SectionFit, fit_section
 Real = NDArray[np.float64]
 
 DRIFTS_BELOW = 0.001
-"""Probability of the differences of an order between stretches, were it the same in all, below which it has changed."""
+"""Probability: of the differences of an order between stretches, were it the same in all, below which it has changed."""
 
 
 @dataclass(frozen=True)

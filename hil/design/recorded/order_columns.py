@@ -14,13 +14,13 @@ from hil.design.recorded.slow import slow_columns
 Real = NDArray[np.float64]
 
 SCAN_FROM, SCAN_TO, ORDER_STEP = 0.6, 10.0, 0.01
-"""Orders of a scan, and their step: below lies what is slow. A peak of r revolutions is 1/r wide, ten steps at r = 10."""
+"""Bound: orders of a scan, and their step: below lies what is slow. A peak of r revolutions is 1/r wide, ten steps at r = 10."""
 SAMPLES_PER_TURN, LEAST_SAMPLES = 60, 500
-"""Samples that show the highest order of a scan: of more the neighbours are averaged."""
+"""Accuracy: samples that show the highest order of a scan: of more the neighbours are averaged, which takes 5 % of it."""
 MOST_NUMBERS = 60_000_000
-"""Numbers that the waves of all stretches may be, 4 bytes each: of more the longest stretches are scanned."""
+"""Bound: numbers of all stretches' waves, 4 bytes each: of more the longest stretches are scanned."""
 AT_ONCE = 8
-"""Orders whose columns are made at once."""
+"""Accuracy: orders whose columns are made at once, for time alone."""
 PROBED = 12
 """Orders at which it is seen how far apart orders must be to be told apart."""
 

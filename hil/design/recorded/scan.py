@@ -22,17 +22,19 @@ from hil.design.recorded.slow import slow_columns
 Real = NDArray[np.float64]
 
 FLOOR_WIDTH, FLOOR_CELLS = 1.0, 16.0
-"""Orders to either side among which the floor of an order is the median, and how many independent ones these are at least."""
+"""Measured: orders to either side of which the floor is the median, and independent ones at least. Of 100 recordings without any
+error 2 have a peak above the level of 1 % (docs/recordings-method.md)."""
 FLOOR_STEP = 10
 """Rows from one median to the next: between them it is drawn through."""
 FALSE_ALARM = 0.01
-"""Probability with which noise alone reaches the level anywhere in the scan."""
+"""Probability: with which noise alone reaches the level anywhere in the scan."""
 MEDIAN_KNOWS = 0.48
-"""Degrees of freedom of a median of powers, by the sum of theirs."""
+"""Probability: degrees of freedom of a median of powers by the sum of theirs, (ln 2)²."""
 ALIKE = 0.5
-"""Degrees of freedom of a sum over stretches, by those of independent noise: what a slow part leaves is alike in short ones."""
+"""Measured with `FLOOR_WIDTH`: degrees of freedom of a sum over stretches, by those of noise: what a slow part leaves is
+alike."""
 MOST_LOOKS = 12
-"""Bound of a scan: a look takes out one order."""
+"""Bound: looks of a scan, each of which takes out one order."""
 MOST_TAKEN = 0.4
 """Orders to either side of one that was taken out that it may have taken along, at most."""
 

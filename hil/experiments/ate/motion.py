@@ -17,7 +17,7 @@ from hil.master.run import APPROACH_RAMP_S
 Real = NDArray[np.float64]
 
 DWELL_S, TAIL_S = 0.3, 0.5
-"""Rest before each ramp, and behind it, in which the arm rings down: at 12 Hz and ζ = 0.05 to 1/20 in the 0.8 s of both."""
+"""Bound: rest before each ramp, and behind it, in which the arm rings down: in both, at 12 Hz and ζ = 0.05, to 1/20."""
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,14 @@ Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"
 FIRST_ORDER_END, PASSED = 1.2, 1.08
 """End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
-"""Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
+"""Measured: acceleration of a first pass, which goes with f_a², and the f_a for which it is meant: A_2 scatters by 0.5 %, A_4 by
+0.7 % (docs/theory-transmission-error.md)."""
 SLOWEST_RPS_S = 0.3
 """Least acceleration of a first pass, which an arm below 3.3 Hz has."""
 ARM_HURRY = 2.0
 """Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
-"""End speed where f_a is not known, at which order 2 has passed one of 17 Hz; deceleration where no bench file names one."""
+"""Bound: end speed where f_a is not known, at which order 2 has passed 17 Hz; deceleration where no bench file names one."""
 LEAST_WANTED_RPS = 1.0
 """End speed that every ramp has that has the room for it."""
 ADVISED_RPS_S = 50.0

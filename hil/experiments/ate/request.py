@@ -20,11 +20,11 @@ from hil.robot_tables import ORDERS, PlantTable
 FITTED_ORDERS = ORDERS
 """Orders that are identified unless others are asked for."""
 AMPLITUDE_FRACTION, PHASE_DEG = 0.0075, 0.75
-"""Standard errors that are asked of orders for which a goal names none: a quarter of 3 % and 3°."""
+"""Bound: standard errors that are asked of orders for which a goal names none: a quarter of 3 % and 3°."""
 WEAK = 0.5
 """Amplitudes below this fraction of the largest are held to the absolute accuracy of that fraction: they matter less."""
 NEARLY = 3.0
-"""Standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
+"""Bound: standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
 GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
 """Standard errors that are a result where the gear is not a spring and more passes would not lower them: the trial decides."""
 
@@ -115,7 +115,7 @@ class AteRequest:
 
 
 GEAR_FRACTION_ERROR = 0.15
-"""Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
+"""Bound: standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
 FARTHEST_DELAY_S = 0.010
 """Delay from a plant's beyond which none is searched."""
 

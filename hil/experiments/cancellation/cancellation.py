@@ -39,15 +39,14 @@ from hil.results.acted import CancelledOrder
 from hil.robot_tables import TransmissionErrorTable
 
 MAX_ERROR_ARCSEC = 200.0
-"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
+"""Bound: ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
 HIGHEST_OVER_RESONANCE = 3.2
-"""Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
-
-An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
+"""Bound: highest k f_m of a cancellation in units of f_al, if that is more than the usual one. An order fades over the fifth
+below: up to 2.5 f_al, where the vibration's band ends, it is whole."""
 MAX_TORQUE_FRACTION = 0.2
 """Largest torque offset as a fraction of the torque limit."""
 ORDINARY = 0.98
-"""Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
+"""Probability: fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
 FOLLOWING_PART = 0.05

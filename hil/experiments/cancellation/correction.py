@@ -40,19 +40,16 @@ Source = Literal["known", "learnt"]
 """`known` before the first pass, or `learnt` from the passes."""
 
 OFF_ERROR = 0.2
-"""Standard error of the arm's response as a fraction of it. Fits of soft gears' first passes are off by up to 15 % (13 bits)."""
+"""Measured: standard error of the arm's response as a fraction: first passes of soft gears are off by up to 15 % (13 bits)."""
 MADE_ALIKE, MADE_ALONG, MADE_ACROSS = 0.0028, 0.0013, 0.0003
-"""Standard errors of the motor's motion as fractions of the correction: in all amplitudes alike, in each, and in each phase.
+"""Measured: standard errors of the motor's motion by the correction: in all amplitudes alike, in each, and in each phase.
 
-All orders meet the resonance at one frequency, at which the motor makes all corrections too large or too small alike, or all late
-alike (δ). Of 56 corrections of 25 drawn robots (50201 to 50300) that silence the tip, the mean difference from the transmission
-error of a robot's amplitudes is 0.28 % (rms, 0.85 % at most), and they differ from it by 0.13 %."""
+Of 56 corrections of 25 drawn robots (50201 to 50300) that silence the tip, the mean difference from a robot's true amplitudes is
+0.28 % (rms, 0.85 % at most), and they differ from it by 0.13 %."""
 DELAY_PERIODS = 0.1
-"""Standard error of the set-points' delay in SYNC periods before a pass has shown it.
-
-Drawn drives were up to 0.2 ms late at a period of 8 ms."""
+"""Measured: error of the set-points' delay in SYNC periods before a pass: drawn drives were late by 0.2 of 8 ms at most."""
 CONTRADICTED_S = 3e-3
-"""The same where passes contradict it: answers that come late are some milliseconds late."""
+"""Bound: the same where passes contradict it: answers that come late are some milliseconds late."""
 SAME = 0.1
 """Difference as a fraction up to which a value is the one that was refused."""
 LEAST_LEFT = 0.01

@@ -29,11 +29,11 @@ from hil.results.following import FollowedOrder
 Real = NDArray[np.float64]
 
 LEAST_CHANGE = 1e-3
-"""Change of a factor from which on the law is told of it."""
+"""Accuracy: change of a factor from which on the law is told of it."""
 NEVER = 1e9
-"""Part of an order that is never left of it."""
+"""Accuracy: part of an order that is never left of it: any that is far above 1."""
 MOST_SHOWN = 200
-"""Most rows of a track."""
+"""Bound: rows of a track, as many as a figure shows."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ LOWEST = 2.0
 PASSES = 5
 """Most passes unless another number is asked for: without, with a part, and three with the whole cancellation."""
 FIRST_GAINS = (0.0, 0.5)
-"""Parts of the cancellation in the first passes: half of it, turned by 180°, would add half of the vibration."""
+"""Bound: parts of the cancellation in the first passes: half of it, turned by 180°, would add half of the vibration."""
 FIRST_WHOLE = len(FIRST_GAINS) + 1
 """Number of the first pass with the whole cancellation."""
 

@@ -43,10 +43,8 @@ JOLT_FACTOR = 1.3
 HALF = 0.5
 """Part of what is above that a cause takes away at least."""
 ABOUT = (0.3, 2.5)
-"""Amplitude found over that reckoned within which a cause counts as found.
-
-Friction and gravity make the torque of a reaction uncertain; between two slow set-points the motor moves at other frequencies
-too, which turns what a limit leaves."""
+"""Measured: amplitude found over that reckoned with which a cause counts as found: on 13 drawn robots 0.9 to 1.5, and once 3.6
+(docs/trial.md)."""
 REACTION_TURN = math.radians(50.0)
 """Largest angle between the reckoned reaction and what is found of it."""
 

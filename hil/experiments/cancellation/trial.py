@@ -43,7 +43,7 @@ Rows = NDArray[np.bool_]
 ON_RAMPS = "with slow ramps, "
 """Where a part is judged that the motion hides: by the motion and slow ramps together."""
 PROBE_GAIN = 0.3
-"""Fraction that is tried first: a correction three times too large, turned by 180°, adds 0.9 of the vibration and no more."""
+"""Bound: fraction that is tried first: a correction three times too large, turned by 180°, adds 0.9 of the vibration."""
 
 
 def averaged(recordings: Sequence[Recording]) -> Recording:

@@ -25,9 +25,10 @@ from hil.results.runs import TrialPart
 Verdict = Literal["accepted", "refused", "not judged"]
 
 MOST_LEFT = 0.765
-"""Largest fraction of an order that the whole of its cancellation may leave: 2 sin(45°/2), a phase error of 45°."""
+"""Measured: fraction of an order that its whole cancellation may leave, 2 sin(45°/2): 390 of 390 wrong ones on 130 drawn robots
+were refused, 51 of 1170 right ones not used (docs/trial.md)."""
 DRAWS = 4096
-"""Draws from a posterior: a probability of 97.5 % comes out with a standard error of 0.25 %."""
+"""Accuracy: draws from a posterior: a probability of 97.5 % comes out with a standard error of 0.25 %."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, CancellationTrial, TrialRun
 
 PARTS_TOLD = 4
-"""Verdicts that an error message spells out."""
+"""Bound: verdicts that fit in an error message."""
 
 
 class CancellationRefusedError(HilError):

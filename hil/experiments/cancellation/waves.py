@@ -29,12 +29,11 @@ Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 REACH = (0.45, 1.2)
-"""Frequencies that count as in the band, in units of its ends: its skirts let through what is large beside it, and sums and
-differences of its orders with others are inside."""
+"""Frequencies that count as in the band, by its ends: its skirts let through what is large, and sums of orders."""
 SLOWEST = 0.05
 """Motor speed below which nothing is read, in rev/s, as a fraction of f_al in Hz: there the start's jerk is all that rings."""
 LEAST_REACH_S = 0.1
-"""Least time for which k f_m must lie in the band of the vibration: about the period of what swings there."""
+"""Bound: least time for which k f_m must lie in the band of the vibration: about the period of what swings there."""
 
 
 def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:

@@ -13,7 +13,7 @@ from hil.design.plant_identification import PlantEstimate
 LEAST = {"antiresonance_hz": 0.003, "damping": 0.15}
 """Least relative difference between two runs that is worth a word."""
 PRIOR_LOSS = 0.2
-"""Prior part of hysteresis in ζ at the torsion of a main run, for a gear that has any: half of all gears do."""
+"""Measured: prior part of hysteresis in ζ of a gear that has any: 0.26 (rms), 0.17 (median) on the real robots 10730 to 10764."""
 OPEN = {
     "damping": 0.5,
     "antiresonance_hz": 0.3,
@@ -30,7 +30,7 @@ robots 10630 to 10674 an rms of z of 1 needs 0.46 for ζ, 0.39 for f_a, 0.54 to 
 `SPRING_OPEN` beside it, 0.3 for f_a on those of 10600 to 10619 and 50880 to 51004.
 """
 PRIOR_SLOPE = 0.03
-"""Prior standard deviation of d ln K_g/d ln a, for a gear that has any: its rms on the latter gears."""
+"""Measured: prior standard deviation of d ln K_g/d ln a of such a gear: 0.034 (rms) on the real robots 10730 to 10764."""
 SPRING_OPEN = math.log(2.0 / (4.0 / math.pi * math.sqrt(0.5 * math.pi)))
 """Error of ln K_g over d ln K_g/d ln a, 0.23: how much larger the sine is that meets the same spring, not the same friction.
 

@@ -9,20 +9,21 @@ from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
-"""Band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
+"""Bound: band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
 ABOVE_F_R = 1.8
 """Least upper end of the main run's band over f_r; those over f_a are `RESONANCE_BAND`."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
-"""Least ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
+"""Bound: ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
 LARGEST_LOW_HZ = 3.0
-"""Most that the lower end is: from there down the inertia of the whole axis shows, whatever the arm."""
+"""Bound: lower end of the band: from there down the inertia of the whole axis shows, whatever the arm."""
 BIAS_RPS = 2.0
-"""Usual bias speed: beyond the Stribeck range of most gears (`STRIBECK_RAD_S`), and a turn shows every order in half a second."""
+"""Bound: usual bias speed: beyond most gears' Stribeck range (`STRIBECK_RAD_S`), and a turn shows every order in half a
+second."""
 AWAY = 1.3
-"""Factor between the frequency of an order and f_a that is far enough: with 1.35, τ_C of two of sixty drawn robots had 15 times
-the error, since their slow turns were slower, and J_m of three was further off."""
+"""Measured: factor between the frequency of an order and f_a that is far enough: with 1.35, τ_C of two of sixty drawn robots had
+15 times the error, since slow turns were slower."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
-"""Bias speeds that are tried, as factors of the usual one."""
+"""Bias speeds that are tried, as factors of the usual one, until one is `AWAY`."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 

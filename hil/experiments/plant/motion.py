@@ -28,22 +28,22 @@ RAMP_S = 0.5
 SETTLE_S = 0.4
 """Time from the start of a slow stretch to its evaluated part."""
 PERIODS_S = (2.0, 1.0)
-"""Periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
+"""Bound: periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
 PER_STRETCH = (9, 8, 7, 6, 5, 3)
-"""Periods in a row that average the transmission error to nothing (not 4: it divides the order)."""
+"""Bound: periods in a row that average the transmission error to nothing (not 4: it divides the order)."""
 PILOT_PERIODS = min(PER_STRETCH)
 """Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
-"""Periods in all below which the scatter between them is not a measure of confidence."""
+"""Probability: periods below which the scatter between them, right to 1/√(2·5) = 32 %, is no measure of confidence."""
 SLOW_TURNS = 4.0
 """Motor turns of a slow stretch."""
 SLOW_RPS = (0.4, 0.8)
-"""Speeds of the slow turns, beside the bias speed: below 1 rev/s static friction shows."""
+"""Bound: speeds of the slow turns, beside the bias speed: below 1 rev/s static friction shows."""
 FAST_RPS, FAST_FRACTION = 3.5, 0.5
 """Fastest of the slow turns, and the fraction of the speed limit that it may reach."""
 
 LEAST_TURNS = 6.01
-"""Motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
+"""Bound: motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
 SLOWER = (1.0, 0.85, 0.7, 0.55, 0.4)
 """Factors of the wanted bias speed that are tried on an arm until the stretch fits; the slow turns use the first three."""
 

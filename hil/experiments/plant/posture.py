@@ -10,7 +10,7 @@ from hil.experiments.move import way_of
 from hil.master.session import Session
 
 THERE_DEG = 0.01
-"""Turn of a joint that is no way."""
+"""Accuracy: turn of a joint that is no way."""
 
 
 def check_posture(bench: Bench, posture_deg: Mapping[int, float]) -> None:

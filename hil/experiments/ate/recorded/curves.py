@@ -19,11 +19,11 @@ from hil.recording import save_columns
 
 SCAN, MAP, FIT = "scan.csv", "map.csv", "fit.csv"
 MAP_STEP = 0.05
-"""Step of its orders."""
+"""Accuracy: step of its orders, a tenth of a window's resolution."""
 MOST_WINDOWS = 120
-"""Columns of a figure's map."""
+"""Bound: columns of a figure's map."""
 DRAWN_STRETCHES, DRAWN_SAMPLES = 4, 1500
-"""Stretches of a figure, and the samples of each: more than its width has dots."""
+"""Bound: stretches of a figure, and the samples of each: more than its width has dots."""
 
 
 def write_curves(

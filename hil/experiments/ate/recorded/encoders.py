@@ -15,7 +15,7 @@ from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError
 from hil.recordings.reading import Recorded
 
 RATIO_OFF, RATIO_OFF_FRACTION = 0.5, 0.004
-"""Difference of the given and the found ratio that no eccentricity makes: absolute, and by the ratio."""
+"""Bound: difference of the given and the found ratio that no eccentricity makes: absolute, and by the ratio."""
 SWUNG_ACROSS = 25
 """Samples to either side between which the speed of a swing is taken: its square must not be that of the stamps' jitter."""
 WHOLE_WITHIN = 0.25

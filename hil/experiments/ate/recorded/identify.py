@@ -54,7 +54,7 @@ MOST_PARTS = 6
 SPEEDS_APART = 2.0
 """Ratio of the speeds of two parts from which what two encoders show may be the arm's answer, which depends on the speed."""
 TURNED_DEG = 30.0
-"""Difference of a phase behind which a feed-forward leaves half of the vibration: 2 sin(15°) = 0.52."""
+"""Bound: difference of a phase behind which a feed-forward leaves half of the vibration: 2 sin(15°) = 0.52."""
 WORTH_ASKING = 1.5
 """Height of a peak, by the false-alarm level, from which it is named: what drifts makes low ones beside an order."""
 NOT_ASKED = 0.1

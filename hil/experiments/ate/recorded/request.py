@@ -12,9 +12,9 @@ from hil.recordings.reading import Recorded
 from hil.robot_tables import ORDERS
 
 MOST_STRETCHES = 64
-"""Stretches that are fitted of all files together, the longest first; and files, since each has one at least."""
+"""Bound: stretches that are fitted of all files together, the longest first; and files, since each has one at least."""
 MOST_SAMPLES = 20_000
-"""Samples of a stretch: of more the neighbours are averaged."""
+"""Bound: samples of a stretch: of more the neighbours are averaged."""
 
 
 class RecordedAteError(HilError):

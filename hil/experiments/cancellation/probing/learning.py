@@ -39,21 +39,19 @@ from hil.robot_tables import ORDERS
 Real = NDArray[np.float64]
 
 PROBE_ARCSEC, PROBE_ARCSEC_PER_MM = (3.0, 15.0), 30.0
-"""Amplitude of a probe, each order of each axis, at least and at most; and for each mm of the tip's peak without cancellation.
-
-So it is of the size of what is looked for: a smaller one would not show what each order does, and a larger one shakes more."""
+"""Amplitude of a probe at least and at most, and for each mm of the tip's peak without cancellation: of the size of that."""
 LARGEST_PROBE = 6.0
 """Largest probe of the second round over that of the first: of orders that have hardly shown."""
 MOST_ARCSEC = 180.0
-"""Largest sum of what is cancelled on an axis and its probes: beyond 200″ no gear's error is cancelled."""
+"""Bound: sum of what is cancelled on an axis and its probes: beyond 200″ no gear's error is cancelled."""
 SPREAD_ARCSEC = 30.0
-"""Root mean square of A_k cos φ_k and A_k sin φ_k of gears, before anything is known."""
+"""Bound: rms of A_k cos φ_k and A_k sin φ_k before anything is known: gears have 20″ to 100″ in all."""
 FIRST_RUNS = 2
 """Most runs with what follows from the first round."""
 APPLIED_RUNS, CONVERGED_FRACTION = 4, 0.9
 """Most runs with what follows, each leading on from the last; fraction of the last one's vibration above which none follows."""
 WEAKEST_SIGMAS = 1.0
-"""Standard errors from which an order may be kept because the tip is quieter with it."""
+"""Probability: standard errors from which an order may be kept because the tip is quieter with it."""
 OWN_PACE_WORSE = 1.2
 """Vibration at the line's own pace, over that before, up to which what another pace has shown is taken."""
 

@@ -27,7 +27,7 @@ Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
 CHANGES_HZ = 3.0
 """Frequency up to which amplitude and phase of what an order does to the tip change: as the motor passes a resonance."""
 LEAST_KEPT = 0.5
-"""Fraction of the rest of an effect that must be no noise, so that it is kept."""
+"""Probability: fraction of the rest of an effect that must be no noise, so that it is kept."""
 LEAST_PART_SEEN = 0.9
 """Fraction of an order that is seen from which it is said to be."""
 GRID, SWEEPS = 24, 2

@@ -40,7 +40,7 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 LOAD_HZ = 1.5
-"""Frequency up to which a gear's load is that of gravity and of the motion."""
+"""Bound: frequency up to which a gear's load is that of gravity and of the motion."""
 REACTS_POWER, REACTS_LOAD = 0.4, 0.3
 """Fraction of the load's power in the band that a reaction explains from which it counts as seen, and the least load for that."""
 LEAST_FRICTION = -0.3

@@ -27,7 +27,7 @@ from hil.reporter import Reporter
 Real = NDArray[np.float64]
 
 BASE_RUNS = 3
-"""Runs without any cancellation: before the probes, in their middle, and behind them, so that a drift is noise as well."""
+"""Bound: runs without any cancellation: before the probes, in their middle, and behind them, so that a drift is noise as well."""
 
 
 def paced(bench: Bench, pace: float) -> Bench:
