@@ -263,10 +263,11 @@ def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
     for side in (-step, step):
         reach, last = side, best
         for _ in range(EVALUATIONS):
-            if last.deviance > best.deviance + FAR_SIGMAS**2 or not bounds[0][LAG] < last.x[LAG] < bounds[1][LAG]:
-                break
             x = last.x.copy()
             x[LAG] = np.clip(x[LAG] + reach, bounds[0][LAG], bounds[1][LAG])
+            # a fit ends a hair's breadth from a bound: two points there would have any slope between them
+            if last.deviance > best.deviance + FAR_SIGMAS**2 or abs(x[LAG] - last.x[LAG]) < math.sqrt(ROUNDING) * step:
+                break
             fit = _descended(problem, x, _others(x), bounds, EVALUATIONS // 4, math.sqrt(ROUNDING))
             before, last = last, _HeldLag.of(problem, x, fit, enlarged)
             found.append(last)

@@ -6,8 +6,9 @@ import pytest
 from hil.control.cascade import Cascade
 from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
-from hil.design.plant_identification import PlantEstimate, fit_plant, sine_of_same_friction_rad
-from hil.design.plant_problem import SamplingTiming, angle_response, tip_response
+from hil.design.plant_identification import Descents, PlantEstimate, fit_plant, over_lag, sine_of_same_friction_rad
+from hil.design.plant_problem import LAG as LAG_AT
+from hil.design.plant_problem import PlantProblem, SamplingTiming, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 
 PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
@@ -18,7 +19,7 @@ LAG = 3e-4
 """Time constant of the current loop."""
 
 
-def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: float = 0.1) -> Spectra:
+def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: float = 0.1, lag_s: float = LAG) -> Spectra:
     """Spectra of a closed loop whose torque is reported AGE late, with white noise of the motor angle.
 
     The law is the reference robot's: a feedback of position and speed alone cannot tell the age of the torque from J_m and D_m.
@@ -30,7 +31,7 @@ def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: floa
         shape = (periods, len(FREQUENCY))
         return size * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
 
-    motion = PLANT.motor_angle_per_torque(FREQUENCY) / (1.0 + jw * LAG)
+    motion = PLANT.motor_angle_per_torque(FREQUENCY) / (1.0 + jw * lag_s)
     hold = (1.0 - np.exp(-jw * SYNC)) / (jw * SYNC)
     excitation = np.tile(amplitude * np.exp(2j * math.pi * rng.random(len(FREQUENCY))), (periods, 1))
     disturbance, law = white(noise), (0.196 + 3.92 / jw) * (25.0 + jw / (1.0 + jw / (2.0 * math.pi * 300.0)))
@@ -53,6 +54,22 @@ def test_the_plant_comes_back_from_a_closed_loop_with_noise() -> None:
     assert found.plant.gear_stiffness_nm_rad == pytest.approx(PLANT.gear_stiffness_nm_rad, rel=5e-3)
     assert found.parameters["lever_ratio"].value == pytest.approx(1.1, rel=5e-3)
     assert found.misfit == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.ci
+def test_a_fit_that_ends_a_hair_s_breadth_from_the_bound_of_its_lag_is_one_at_the_bound() -> None:
+    problem = PlantProblem(synthetic(1, lag_s=0.0), timing(), 120.0, LEVER, 0.0)
+    fit = min(Descents(problem).of(problem.first_guesses()), key=lambda each: float(each.cost))
+    low = problem.bounds(fit.x)[0][LAG_AT]
+    means, covariances = [], []
+    for beside in (0.0, 1e-21, 1e-13, 1e-10):
+        fit.x[LAG_AT] = low + beside
+        mean, covariance = over_lag(problem, fit)
+        means.append(mean)
+        covariances.append(covariance)
+    errors = np.sqrt(np.diag(covariances[0]))
+    assert np.max(np.abs(np.array(means[1:]) - means[0]) / errors) < 1e-3
+    assert np.max(np.abs(np.sqrt([np.diag(each) for each in covariances[1:]]) / errors - 1.0)) < 1e-3
 
 
 @pytest.mark.slow
