@@ -391,7 +391,9 @@ class Run:
 
     def _disabled_by(self, word: int) -> bool:
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
-        for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period_s)):
+        # drives that are not heard may hear, and slow down; in lock-step nothing moves without answers
+        patience = 0 if self.exchange.network.channel.is_lock_step else math.ceil(ramp_s / self.period_s)
+        for cycle in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period_s)):
             for slot in self.exchange.slots:
                 slot.control_word = word
                 slot.torque_offset = 0
@@ -399,7 +401,7 @@ class Run:
             states = [state_of(slot.status_word) for slot in self.exchange.slots]
             if all(state in DISABLED and not slot.missing for state, slot in zip(states, self.exchange.slots, strict=True)):
                 return True
-            if all(slot.missing > self.bench.bus.missing_limit for slot in self.exchange.slots):
+            if cycle >= patience and all(slot.missing > self.bench.bus.missing_limit for slot in self.exchange.slots):
                 return False
         return False
 

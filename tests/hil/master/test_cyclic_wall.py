@@ -171,6 +171,36 @@ def test_a_frozen_master_finds_itself_late_and_stays_stopped() -> None:
     assert rig.is_at_rest()
 
 
+def test_drives_that_are_not_heard_may_end_their_ramp_before_the_voltage_is_cut() -> None:
+    """Without voltage a brake closes, on a motor that turns."""
+    rig, turning = Rig(), dict[bytes, float]()
+    hear, deaf_s = rig.bus.receive, (1.5, 3.0)
+    began_s = rig.clock.now()
+
+    def receive(timeout_s: float) -> Frame | None:
+        frame = hear(timeout_s)
+        while frame is not None and frame.can_id == 0x182 and deaf_s[0] < rig.clock.now() - began_s < deaf_s[1]:
+            frame = hear(0.0)
+        return frame
+
+    send = rig.bus.send
+
+    def watched(frame: Frame) -> None:
+        if frame.can_id == RPDO and (frame.data[:2] == QUICK_STOP or (turning and frame.data[:2] == DISABLE_VOLTAGE)):
+            turning.setdefault(frame.data[:2], abs(float(rig.bus.world.axes.plant_state["motor_speed_rad_s"][0])))
+        send(frame)
+
+    rig.bus.receive, rig.bus.send = receive, watched  # type: ignore[method-assign]
+    with rig.session:
+        rig.session.bring_up()
+        result = rig.session.run(constant_acceleration(rig.bench, 2, PERIOD_S), "none", "drive")
+    assert result.stopped is not None
+    assert "has not answered" in str(result.stopped)
+    assert turning[QUICK_STOP] > 1.0
+    assert turning[DISABLE_VOLTAGE] < 0.01
+    assert rig.is_at_rest()
+
+
 def test_too_many_in_a_row_stop_and_fewer_do_not() -> None:
     limit = BENCH.bus.missing_limit
     while_it_stands = 15  # a drive that moves would refuse the step of its set-points
