@@ -356,7 +356,7 @@ def cancellation_table(
         k: np.clip((highest_hz - k * turning) / (0.2 * highest_hz), 0.0, 1.0) * way.worth(k * turning) for k in amplitude_rad
     }
     labels: list[WaveLabel] = []
-    rows: dict[str, list[Complex]] = {name: [] for name in ARRAYS if name != "asked"}
+    rows: dict[str, list[Complex]] = {name: [] for name in ARRAYS}
     for wave in counter_motion(at_motor, phase_rad):
         k, frequency = wave.order, wave.order * turning
         left = np.prod([faded[order] for order in wave.sources], axis=0) * (frequency <= highest_hz)
@@ -367,8 +367,10 @@ def cancellation_table(
         # τ_g dθ_sync/dθ_m for each N·m of τ_g
         slope = left * (1j * k * amplitude_rad[k] if load is not None and is_own else 0.0)
         labels.append(WaveLabel(k, phase, wave.degree, wave.sources))
-        rows["motion"].append(np.abs(size * left))
-        rows["image"].append(np.abs(size * left) * way.image_per_motion(np.maximum(frequency, LEAST_RPS)))
+        made = np.abs(size * left)
+        rows["motion"].append(made)
+        rows["asked"].append(made)
+        rows["image"].append(made * way.image_per_motion(np.maximum(frequency, LEAST_RPS)))
         rows["reference"].append(size * left * way.reference_per_motion(frequency))
         rows["torque"].append(size * left * way.torque_per_motion(frequency))
         rows["bend"].append(bends * size * left * _chirp(way.reference_per_motion, frequency, k))

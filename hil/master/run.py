@@ -391,7 +391,7 @@ class Run:
 
     def _disabled_by(self, word: int) -> bool:
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
-        # drives that are not heard may hear, and slow down; in lock-step nothing moves without answers
+        # drives whose answers are lost may still be slowing down; in lock-step nothing moves without answers
         patience = 0 if self.exchange.network.channel.is_lock_step else math.ceil(ramp_s / self.period_s)
         for cycle in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period_s)):
             for slot in self.exchange.slots:

@@ -14,8 +14,6 @@ from hil.emulator import end
 from hil.errors import NotPossibleError
 
 SCOPE_START_S = 60.0
-SAID_ALREADY = ", from --bus"
-"""Part of the line that names the bus: the command that starts the process has said it."""
 
 
 class ScopeProcess:
@@ -23,6 +21,7 @@ class ScopeProcess:
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:
         self.url = ""
+        self._bus_line = f"bus {address}, from --bus"
         self._command = [
             sys.executable, "-m", "hil", "scope", "--bus", address, "--bench", bench_file, "--port", str(port),
             "--until-stdin-closes",
@@ -46,7 +45,7 @@ class ScopeProcess:
             if not self.url:
                 self.__exit__(None, None, None)
                 errors.seek(0)
-                own = [line for line in errors if SAID_ALREADY not in line]
+                own = [line for line in errors if not line.startswith(self._bus_line)]  # the command has said it already
                 said = "".join(own).strip() or f"it did not start to listen within {SCOPE_START_S:g} s"
                 raise NotPossibleError(f"the live page cannot start, and nothing has moved: {said}")
         return self

@@ -48,8 +48,8 @@ LIKELY = (0.04, 0.4, 0.003)
 """Measured: deviations of a model's ln f and ln ζ, and of the sensor's delay in s: plants and ramps of the drawn robots 10700 to
 10764 differ by 0.013 and 0.42 (rms)."""
 PLANNED_SPREAD = 1.6
-"""Measured: deviation of the planned motion's two amplitudes from 1 and 0: the 16 of the drawn robots 51105 to 51144 that show
-them to 0.1 have 1.6 (rms)."""
+"""Measured: standard deviation of the planned motion's two amplitudes around 1 and 0: it is 1.6 on the 16 of the drawn robots
+51105 to 51144 that determine them to 0.1."""
 
 
 class Part(NamedTuple):

@@ -129,9 +129,9 @@ class _Account:
         return np.asarray(np.mean([each[: self._count] for each in values], axis=0))
 
     def _jolts_mm(self, looks: Sequence[Look]) -> Iterator[float]:
-        """Peak of the motion's own vibration in each window, as far as the vibration there has it.
+        """Peak of the motion's own vibration in each window, as far as that window shows it.
 
-        One amplitude is fitted to all rows: what rings at the start of a ramp would tell of its end.
+        One amplitude is fitted to all rows, so a jolt at the start of a ramp also puts vibration at its end, real or not.
         """
         own = self._mean([_without_orders(look) for look in looks])
         residual = self._mean([look.sighting.residual for look in looks])
