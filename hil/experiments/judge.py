@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, shown_band, tip_scale
 from hil.bench.bench import Bench
-from hil.bench.model import Identified
+from hil.bench.model import Identified, with_identified
 from hil.control.trajectory import reach_rps
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S, Complex
@@ -278,6 +278,19 @@ def check_shown(what: str, period_s: float, scale: TipScale) -> None:
     except ValueError as error:
         words = f"{what} at a SYNC period of {1e3 * period_s:g} ms: {error}: shorten sync_period_s in the bench file"
         raise NotPossibleError(words, ("cycle",)) from error
+
+
+def check_axis_shown(what: str, bench: Bench, axis: int, identified: Identified | None) -> None:
+    """Refuse a SYNC period whose samples do not show the vibration of an axis.
+
+    Its band is that of f_al, from the identified plant or the bench file's model; without either nothing is refused.
+
+    Raises:
+        NotPossibleError: The period is too long.
+    """
+    scale = axis_scale(with_identified(bench, identified), axis)
+    if scale is not None:
+        check_shown(what, bench.bus.sync_period_s, scale)
 
 
 def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | None = None) -> TipScale:

@@ -14,6 +14,7 @@ from hil.experiments.ate.identify import Identification, as_part, identify_on, s
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.request import AteRequest, axis_knowledge, first_ramp, sensing_of
 from hil.experiments.bus_demand import BusDemand
+from hil.experiments.judge import check_axis_shown
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.plan import timing_of
 from hil.master.motion import RunResult
@@ -61,9 +62,9 @@ def identify_ate(
     """
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=request.sensorless)
     first_ramp(bench, request, knowledge)
-    demand = BusDemand(
-        f"identification of the transmission error of axis {request.axis}", (request.axis,), bench.bus.sync_period_s
-    )
+    what = f"identification of the transmission error of axis {request.axis}"
+    check_axis_shown(what, bench, request.axis, identified)
+    demand = BusDemand(what, (request.axis,), bench.bus.sync_period_s)
 
     def empty(described: MeasuredBench) -> AteResult:
         before = KnownArm(

@@ -17,6 +17,7 @@ from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn, learning_ramp
+from hil.experiments.judge import check_axis_shown
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import RunResult
@@ -130,6 +131,7 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
         bench.axis[axis].gains(f"learning on axis {axis}")
         given_inertia(bench, identified, axis, request.motor_inertias_kg_m2.get(axis))
         learning_ramp(bench, identified, axis, request.acceleration_rps_s)
+        check_axis_shown(f"learning on axis {axis}", bench, axis, identified)
     return [request.bus_demand(bench, axis) for axis in axes]
 
 

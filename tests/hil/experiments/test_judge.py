@@ -1,5 +1,8 @@
 """The scale by which a bench's runs are judged."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,10 +11,14 @@ from hil.bench.bench import AxisTable, Bench, load_bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError
 from hil.design.ringing import NoResonanceError, Ringing
 from hil.errors import NotPossibleError
+from hil.experiments.ate.on_bus import identify_ate
+from hil.experiments.ate.request import AteRequest
+from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
 from hil.experiments.judge import (
     FoundScale,
     RunJudge,
     axis_scale,
+    check_axis_shown,
     line_scale,
     missing_words,
     peak_hz,
@@ -75,6 +82,34 @@ def test_an_axis_that_rings_elsewhere_is_not_the_papers_whatever_the_file_says()
     assert f_al is not None
     assert f_al > 15.0
     assert axis_scale(changed, 2) == tip_scale(f_al)
+
+
+def at_period(bench: Bench, period_s: float) -> Bench:
+    return bench.model_copy(update={"bus": bench.bus.model_copy(update={"sync_period_s": period_s})})
+
+
+BEFORE_A_RUN: dict[str, Callable[[Bench, Path], object]] = {
+    "identify ate": lambda bench, folder: identify_ate(bench, AteRequest(2), folder / "out"),
+    "learn": lambda bench, folder: learn_on_bus(bench, LearnRequest((2,)), folder / "out", folder / "model.toml"),
+}
+
+
+@pytest.mark.parametrize("step", BEFORE_A_RUN)
+def test_no_step_before_a_run_takes_a_cycle_that_the_run_refuses(step: str, tmp_path: Path) -> None:
+    """With samples of 8 ms a fit of an arm of 39 Hz called a whole sensor dead, or was wrong in A_1 by 4 standard errors."""
+    bench = at_period(stiffened(OWN, 2, 12.0), 0.008)
+    f_al = peak_hz(bench, 2)
+    assert f_al is not None
+    assert f_al > 0.45 / 0.008 / 1.5
+    with pytest.raises(NotPossibleError, match=r"axis 2 at a SYNC period of 8 ms: .*shorten sync_period_s") as refused:
+        BEFORE_A_RUN[step](bench, tmp_path)
+    assert refused.value.causes == ("cycle",)
+    assert not (tmp_path / "out").exists(), "nothing has moved"
+
+
+@pytest.mark.parametrize(("factor", "period_s"), [(1.0, 0.008), (12.0, 0.004)])
+def test_a_cycle_that_shows_the_arm_is_taken(factor: float, period_s: float) -> None:
+    check_axis_shown("a pass", at_period(stiffened(OWN, 2, factor), period_s), 2, None)
 
 
 def test_a_very_stiff_arm_is_found_beyond_30_hz() -> None:
