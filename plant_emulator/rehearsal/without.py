@@ -21,7 +21,7 @@ Pair = tuple[Robot, Bench]
 
 FASTER, SHORT_SYNC_S, MBIT = 3.0, 0.001, 1_000_000
 """Factor of a speed limit that binds no more; SYNC period of a quick bus, and its bit rate."""
-HIGH_OVER_RESONANCE = 4.0
+HIGH_OVER_RESONANCE = 5.0
 """Highest k f_m of a cancellation that nothing limits, in units of f_al."""
 HALF = 0.5
 """Part of what is above the goal that goes with a true cause at least."""
