@@ -48,13 +48,16 @@ def convert(
     from drive_profiles.parameter_set import formats
 
     with exit_on_error():
+        is_set = out.suffix.lower() == ".toml"
+        if not is_set:
+            formats.check_suffix(out)
         catalogue = catalogue_for(file, profile, eds, node_id)
         facts = {"counts_per_rev": counts_per_rev, "rated_torque_nm": rated_torque_nm}
         parameter_set = formats.read(file, catalogue, node_id, facts)
         header = parameter_set.header
         for line in header.not_read:
             typer.echo(f"left out: {line}", err=True)
-        if formats.is_toml(out):
+        if is_set:
             parameter_set.save(out, force=force)
         else:
             scaling = _scaling(parameter_set, catalogue)

@@ -41,6 +41,16 @@ def is_toml(path: Path) -> bool:
     return path.suffix.lower() not in DEVICE_FILES | CONCISE
 
 
+def check_suffix(path: Path) -> None:
+    """Refuse a file to be written that is neither a DCF nor a concise DCF.
+
+    Raises:
+        RefusedError: The suffix is another one.
+    """
+    if path.suffix.lower() not in {".dcf", *CONCISE}:
+        raise RefusedError(f"{path} has none of the suffixes .toml, .dcf, .cdcf, .bin")
+
+
 def header_of(path: Path) -> Header:
     """Return a set's header in any format; a concise DCF's is empty.
 
@@ -117,8 +127,7 @@ def write(
         check_size(data)
         write_atomically(path, data, force=force)
         return []
-    if path.suffix.lower() != ".dcf":
-        raise RefusedError(f"{path} has none of the suffixes .toml, .dcf, .cdcf, .bin")
+    check_suffix(path)
     if device_file is None:
         raise RefusedError("a DCF is made from the device's EDS; give it with --eds")
     hidden = [each for each in writes if not _stands(each)]

@@ -49,6 +49,8 @@ class PseudoTerminal:
     def _link(self, link: str) -> str:
         path = Path(link)
         if path.is_symlink() and os.readlink(link).startswith("/dev/pts/"):
+            if path.exists() and os.readlink(link) != self._name:
+                raise FileExistsError(f"{link} leads to {os.readlink(link)}, which is in use; end its server, or remove the link")
             path.unlink()
         elif path.is_symlink() or path.exists():
             raise FileExistsError(f"{link} exists and is not a link to a pseudo-terminal; choose another path")

@@ -75,6 +75,18 @@ def test_hostile_concise_dcfs_are_refused(tmp_path, data):
         formats.read(path, CATALOGUE)
 
 
+@pytest.mark.parametrize("name", ["set.xyz", "set.eds", "set"])
+def test_convert_writes_no_file_whose_suffix_names_no_format(name, tmp_path):
+    """It once wrote a parameter set into `set.xyz`."""
+    source, out = tmp_path / "set.toml", tmp_path / "out" / name
+    out.parent.mkdir()
+    SET.save(source)
+    refused = runner.invoke(app, ["convert", str(source), "--out", str(out)])
+    assert refused.exit_code == 3
+    assert f"{name} has none of the suffixes .toml, .dcf, .cdcf, .bin" in refused.stderr.replace("\n", "")
+    assert not out.exists()
+
+
 @pytest.mark.ci
 def test_convert_names_what_it_needs_to_know_of_the_drive_and_never_assumes_it(tmp_path):
     source, out = tmp_path / "set.toml", tmp_path / "set.cdcf"

@@ -326,9 +326,14 @@ def test_the_bus_goes_and_the_port_stays_quiet(running, port):
 
 def test_the_link_is_made_replaced_and_removed(tmp_path):
     path = tmp_path / "port"
+    path.symlink_to("/dev/pts/100000")  # a crash has left it behind
     first = PseudoTerminal(str(path))
-    second = PseudoTerminal(str(path))  # one that a crash has left behind looks the same
-    assert os.readlink(path) == os.ttyname(second._port)
+    assert os.readlink(path) == os.ttyname(first._port)
+    with pytest.raises(FileExistsError, match=rf"leads to {os.ttyname(first._port)}, which is in use; end its server"):
+        PseudoTerminal(str(path))
+    assert os.readlink(path) == os.ttyname(first._port)
+    path.unlink()
+    second = PseudoTerminal(str(path))
     first.close()
     assert path.is_symlink()  # not ours any more
     second.close()
