@@ -102,7 +102,7 @@ class Estimate:
         covariance = self.covariance + np.outer(gain, gain) * (standard_error**2 - square)
         return type(self)(self.names, self.mean + gain * (mean - self.mean[index]), covariance)
 
-    def observed(self, rows: Real, values: Real, variances: Real) -> Self:
+    def observed(self, rows: Real, values: Real, variances: Real, only: Sequence[str] | None = None) -> Self:
         """Posterior after an observation, by Bayes' rule.
 
         y = H x + noise: x̂ ← x̂ + K (y − H x̂), P ← (1 − K H) P, K = P Hᵀ (H P Hᵀ + R)⁻¹.
@@ -111,10 +111,13 @@ class Estimate:
             rows: H; shape (m, n).
             values: y; shape (m,).
             variances: Diagonal of R; shape (m,).
+            only: Quantities that change; the rows of K are 0 for the others, which are known as before. None: all.
 
-        Source: R. E. Kalman, J. Basic Engineering 82 (1960) 35.
+        Source: R. E. Kalman, J. Basic Engineering 82 (1960) 35; S. F. Schmidt, Advances in Control Systems 3 (1966) 293.
         """
         gain = np.linalg.solve(rows @ self.covariance @ rows.T + np.diag(variances), rows @ self.covariance).T
+        if only is not None:
+            gain[[name not in only for name in self.names]] = 0.0
         # Joseph's form stays symmetric and positive
         kept = np.eye(len(self.mean)) - gain @ rows
         covariance = kept @ self.covariance @ kept.T + (gain * variances) @ gain.T

@@ -91,15 +91,18 @@ def _entry(mode: EstimatedMode) -> IdentifiedMode:
     return IdentifiedMode(**{name: value.value for name, value in found.items()}, standard_error=errors)
 
 
-def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
-    """Sentences on the limits of the data, with numbers."""
+def cannot_tell(estimate: PlantEstimate, friction: Friction, viscous: EstimatedParameter) -> tuple[str, ...]:
+    """Sentences on the limits of the data, with numbers.
+
+    `viscous` is D_m + D_l/N² of the frequency response alone.
+    """
     parameters, plant = estimate.parameters, estimate.plant
     sentences = [
         "all inertias, stiffnesses and dampings are proportional to the torque that the drive reports; an error of its rated "
         "torque (6076h) is an error of each; f_a, f_r and ζ do not depend on it",
         f"D_m cannot be separated from friction that grows with the speed; D_m + D_l/N² together are "
-        f"{_shown(parameters['viscous_damping_nm_s_rad'])} N·m·s/rad in the frequency response, and the slow turns show "
-        f"{_shown(friction.viscous_nm_s_rad)}; at standstill Coulomb friction hides them altogether",
+        f"{_shown(viscous)} N·m·s/rad in the frequency response, and the slow turns show "
+        f"{_shown(friction.viscous_nm_s_rad)}, where hysteresis of the gear adds nothing: D_m is from both, by their errors",
         f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, and follows only from the difference in damping "
         f"between f_a and f_r; D_g + D_l is well known, from ζ",
         f"hysteresis of the gear looks like damping and stiffness: f_a, K_g and ζ hold for a torsion of "

@@ -16,7 +16,7 @@ from hil.design.plant_spectra import Spectra, Stretch, spectra
 from hil.errors import RefusalCause
 from hil.experiments.bus_demand import takes_torque_offset
 from hil.experiments.decision import MOST_RUNS
-from hil.experiments.plant.amplitude import with_amplitude_dependence
+from hil.experiments.plant.amplitude import VISCOUS, with_amplitude_dependence, with_slow_turns
 from hil.experiments.plant.bands import fast_speed, highest_hz, loop_period_s, main_band, pilot_band
 from hil.experiments.plant.checks import (
     DataCheck,
@@ -146,9 +146,11 @@ class PlantIdentification:
         estimate, amplitude = self._main(amplitude, friction, rough)
         estimate, words = self._compared(estimate, rough)
         self.remarks += [each for each in (words, misfit_words(estimate)) if each is not None]
+        viscous = estimate.parameters[VISCOUS]
+        estimate = with_slow_turns(estimate, friction.viscous_nm_s_rad)
         return PlantEvaluation(
             self.request, self.excited, self.travel, amplitude, estimate, friction,
-            tuple(self.checks), tuple(self.remarks), cannot_tell(estimate, friction),
+            tuple(self.checks), tuple(self.remarks), cannot_tell(estimate, friction, viscous),
         )  # fmt: skip
 
     def _refused(self, *reasons: str, causes: tuple[RefusalCause, ...] = ()) -> PlantNotIdentifiedError:

@@ -32,6 +32,25 @@ def test_observations_one_by_one_are_the_same_as_together() -> None:
     assert one_by_one.covariance == pytest.approx(together.covariance, rel=1e-6, abs=1e-9)
 
 
+def test_what_an_observation_does_not_concern_is_known_as_before() -> None:
+    rng = np.random.default_rng(6)
+    square = rng.normal(size=(3, 3))
+    prior = Estimate(PRIOR.names, PRIOR.mean, square @ square.T)
+    row, value, variance = np.array([[1.0, 1.0, 0.0]]), np.array([2.0]), np.array([0.1])
+    found = prior.observed(row, value, variance, only=("x", "y"))
+    assert found.value("z") == prior.value("z")
+    assert found.standard_error("z") == pytest.approx(prior.standard_error("z"))
+    whole = prior.observed(row, value, variance)
+    assert found.mean[:2] == pytest.approx(whole.mean[:2])
+    assert found.covariance[:2, :2] == pytest.approx(whole.covariance[:2, :2])
+    # drawn from the prior, the errors scatter as stated
+    truth = rng.multivariate_normal(prior.mean, prior.covariance, 200_000)
+    seen = truth @ row[0] + rng.normal(0.0, np.sqrt(0.1), len(truth))
+    gain = (found.mean - prior.mean) / (value[0] - row[0] @ prior.mean)
+    errors = prior.mean + np.outer(seen - row[0] @ prior.mean, gain) - truth
+    assert np.cov(errors.T) == pytest.approx(found.covariance, abs=0.02 * np.max(found.covariance))
+
+
 def test_a_replaced_quantity_is_independent_of_the_others() -> None:
     observed = PRIOR.observed(np.array([[1.0, 1.0, 1.0]]), np.array([2.0]), np.array([0.1]))
     replaced = observed.replaced("y", 4.0, 0.25)
