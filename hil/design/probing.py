@@ -32,7 +32,7 @@ LEAST_SEEN = 1.7
 BY_TURNS = 3
 """Times that settings and the disturbance that they leave are found by turns."""
 LEAST_FREEDOM = 2.0
-"""Least degrees of freedom that a fit must leave to what it does not explain, over the number of its unknowns."""
+"""Accuracy: independent samples of a fit, over its unknowns u, at least: n/(n − u), by which its variance grows, is 2 at most."""
 
 
 def balanced_signs(settings: int) -> Real:

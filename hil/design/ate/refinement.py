@@ -11,15 +11,15 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Arm, RampsModel, least_squares
-from hil.design.estimation import inverse
+from hil.design.estimation import EVALUATIONS, inverse
 from hil.design.frequency import MOUNTING_HZ
 
 Real = NDArray[np.float64]
 
 LARGEST_BEND = 0.17
 """Bound: a mounting that resonates at 2.4 times the arm's frequency."""
-ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
-"""Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
+ROUNDING_FELT = 0.02
+"""Fraction of the residual's power from which the encoder's rounding is taken out of the arm."""
 CONVERGED = 1e-6
 """Accuracy: step of each unknown, by its size, of the last round."""
 LEAST_ZETA = 0.003
@@ -80,7 +80,7 @@ def without_rounding(model: RampsModel, arm: Arm) -> Arm:
         return arm
     found, weight = arm, bend_weight(model, arm, model.solve(arm)[1])
     sizes = np.array([arm.resonance_hz, 1.0, 1.0 / (2.0 * math.pi * arm.resonance_hz), 1.0])
-    for _ in range(ROUNDING_STEPS):
+    for _ in range(EVALUATIONS):
         slopes = projected_slopes(model, found)
         downhill = slopes.T @ model.solve(found)[1]
         downhill[:2] += 0.5 * np.array(_rounding_slopes(model, found))

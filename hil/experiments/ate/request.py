@@ -116,8 +116,6 @@ class AteRequest:
 
 GEAR_FRACTION_ERROR = 0.15
 """Bound: standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
-FARTHEST_DELAY_S = 0.010
-"""Delay from a plant's beyond which none is searched."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +218,7 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
     delay_s = None if plant is None else plant.accelerometer_delay_s
     if plant is None or delay_s is None:
         return DELAY_S
-    reach_s = min(0.25 / plant.antiresonance_hz, FARTHEST_DELAY_S)
+    reach_s = min(0.25 / plant.antiresonance_hz, -DELAY_S[0])
     low, high = max(DELAY_S[0], delay_s - reach_s), min(DELAY_S[1], delay_s + reach_s)
     is_told = FAR_SIGMAS * plant.standard_error.get("accelerometer_delay_s", math.inf) < 0.5 * reach_s
     return (low, high) if is_told and low < delay_s < high else DELAY_S
