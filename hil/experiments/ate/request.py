@@ -25,8 +25,9 @@ WEAK = 0.5
 """Amplitudes below this fraction of the largest are held to the absolute accuracy of that fraction: they matter less."""
 NEARLY = 3.0
 """Bound: standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
-GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
-"""Standard errors that are a result where the gear is not a spring and more passes would not lower them: the trial decides."""
+GEAR_FRACTION_AT_MOST = 0.15
+"""Standard error of A_k e^{jφ_k}, as a fraction and in rad, that is a result where the gear is not a spring and more passes would
+not lower it: the trial decides."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Goal:
                 asked_deg = goal_deg * size / max(amplitude, 1e-30)
                 name = f"φ_{order:g}"
                 words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°; the goal is {asked_deg:.2g}°"
-                most = GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg
+                most = math.degrees(GEAR_FRACTION_AT_MOST) if is_gears else NEARLY * goal_deg
                 missed.append(Miss(name, order, words, error_deg / goal_deg, error_deg <= most))
         return missed
 

@@ -70,7 +70,8 @@ MOVED = 0.1
 CALM = 0.3
 """Fraction of the gear's vibration that is assumed at another bias speed: there the gear no longer resonates."""
 CALMER = 0.6
-"""Factor of the amplitude where the motor turned back under one that was chosen."""
+"""Measured: factor of the amplitude where the motor turned back under one that was chosen: on none of the drawn robots 10700 to
+10764."""
 
 
 class PlantIdentification:

