@@ -15,7 +15,7 @@ from hil.experiments.plant.motion import ExcitedSignal, Travel
 from hil.master.motion import Real
 
 PILOT_FRACTION = 0.05
-"""Amplitude of the pilot run as a fraction of the torque limit."""
+"""Measured with `RIGID`, where the first pilot is enough: amplitude of the pilot run as a fraction of the torque limit."""
 LARGEST_RISE = 10.0
 """Measured with `RIGID`, 1.3 to 7.1, so that other limits bind: largest ratio of the main run's amplitude to the pilot's."""
 EXCITED_FRACTION = 0.6

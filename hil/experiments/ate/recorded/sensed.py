@@ -16,14 +16,13 @@ from hil.design.recorded.clock import SampledInstants, clock_of
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.stretches import MotionStretch
 from hil.design.recorded.through_arm import ArmPrior, RefinedArm, ThroughArm, arm_section, refined_arm
+from hil.design.ringing import LAW_ERROR
 from hil.design.uncertainty import LEAST_SPREAD, LIKELY
 from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError, RecordedRequest
 from hil.experiments.ate.request import axis_knowledge, sensing_of
 from hil.recordings.reading import Recorded
 from hil.results.recorded_ate import Form
 
-LEAST_RESONANCE_FRACTION = 0.002
-"""Least standard error of an identified resonance: load and temperature differ from day to day; a damping has `LEAST_SPREAD`."""
 STEADY_S = 0.5
 """Time at the beginning of a recording that starts in motion, which is left out: nobody knows how the arm rang before."""
 
@@ -114,7 +113,7 @@ def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | 
         resonance = errors.get("antiresonance_hz", 0.0) / part.antiresonance_hz
         damping = errors.get("damping", 0.0) / part.damping
         delay = part.torque_lag_s if is_torque else part.accelerometer_delay_s
-        least = max(resonance, LEAST_RESONANCE_FRACTION), max(damping, LEAST_SPREAD)
+        least = max(resonance, LAW_ERROR), max(damping, LEAST_SPREAD)
         error_s = LIKELY[2] if delay is None else 0.5 * LIKELY[2]
         return ArmPrior(replace(start, delay_s=delay or 0.0), *least, error_s), "the model file"
     plant = bench.axis[axis].plant()
