@@ -31,7 +31,7 @@ Complex = NDArray[np.complex128]
 SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
 SMOOTHED_S = 0.5
-"""Time to either side over which the slow load is averaged."""
+"""Accuracy: time to either side over which the slow load is averaged: a factor of 2 changes 0.3, errors by 9 %."""
 LOSSLESS_ERROR = 0.1
 """Bound: standard deviation of the reaction of a gear from 1, that without losses; harmonic drives give back 80 to 95 %."""
 REACTS = 0.5
@@ -39,7 +39,8 @@ REACTS = 0.5
 BLOCK = round(2.0 / STEP)
 """Windows of a block: those that overlap, and as many again. Two at least: a jackknife of one has no spread."""
 ARM_MISFIT = 0.05
-"""Error of the arm's part, as a fraction of it: so far may the arm's response be wrong."""
+"""Accuracy: error of the arm's part, as a fraction of it, so far may the arm's response be wrong: a factor of 2 changes 0.05,
+errors by 1 %."""
 
 
 @dataclass(frozen=True)
