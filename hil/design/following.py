@@ -23,8 +23,6 @@ from hil.design.frequency import OF_SAMPLING, RESONANCE_BAND
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-FITTED = (0.45, 2.4)
-"""Frequencies over f_al between which the response is fitted."""
 FIT_POINTS, FIT_ROUNDS = 200, 6
 """Accuracy: frequencies of a fit, 1 % apart, and its rounds, each weighted by the denominator of the one before. Source: C. K.
 Sanathanan, J. Koerner, IEEE Trans. Automatic Control 8 (1963) 56."""
@@ -71,7 +69,7 @@ def resonance_of(response: Callable[[Real], Complex], f_al_hz: float) -> Resonan
     Raises:
         ValueError: There is no resonance there that rings down.
     """
-    frequency = np.geomspace(FITTED[0] * f_al_hz, FITTED[1] * f_al_hz, FIT_POINTS)
+    frequency = np.geomspace(RESONANCE_BAND[0] * f_al_hz, RESONANCE_BAND[1] * f_al_hz, FIT_POINTS)
     s, wanted, scale = 2j * math.pi * frequency, response(frequency), 2.0 * math.pi * f_al_hz
     below = np.ones_like(wanted)
     found = np.zeros(4)

@@ -14,7 +14,7 @@ from hil.control.angles import ARCSEC
 from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
 from hil.design.coupled.loops import ArmFamily
 from hil.design.frequency import Margins
-from hil.design.notch_problem import NotchProblem, Requirements, Rise, rises
+from hil.design.notch_problem import RISE_BESIDE, NotchProblem, Requirements, Rise, rises
 from hil.design.speed_margins import LoopFamily, SpeedMargins, widened
 
 Real = NDArray[np.float64]
@@ -37,13 +37,8 @@ SEARCH_STEP, ARM_STEP = 1.0 / 320.0, 1.0 / 640.0
 ON_THE_ARM = " on the arm"
 """What the margins of the arm's postures are called beyond those of the axis by itself."""
 
-LINE_WEIGHT, LINE_REACH = 2.0, 0.1
-"""Weight of what a filter misses constraint (5) by in a score, and up to which miss it counts."""
-
 WORST_RATIO = 2.0
 """Accuracy: score above which a filter raises a peak, or breaks a margin: any that no worthwhile filter has."""
-GAIN_ENOUGH = 0.98
-"""Ratio of the tip peak with a filter to that without, above which the filter is not worth having."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +184,7 @@ class Judge:
             return 10.0 + missed
         bare_mm = self._before_mm[:members]
         before = max(1e-9, *(self.problem.weighted_mm(bare, self.order) for bare in bare_mm))
-        line = 1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH)
+        line = min(max(self._line_ratio(notch), 1.0), RISE_BESIDE)
         peaks, excess, peak, score = [np.zeros_like(bare) for bare in bare_mm], [0.0] * len(bare_mm), 0.0, 0.0
         for place, (row, case) in enumerate(self._cases):
             if row >= len(bare_mm):

@@ -14,7 +14,7 @@ from hil.design.frequency import Complex, Real
 Lines = NDArray[np.int64]
 
 TREND_ORDER = 4
-"""Degree of what is slow, a polynomial of the time: gravity along the way, and the ramp itself."""
+"""Accuracy: degree of what is slow, a polynomial of the time, gravity along the way and the ramp itself: 3 and 6 change 0.04."""
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,9 @@ MOST_SETTINGS = 128
 LEAST_SEEN = 1.7
 """Probability: power of what a direction of the settings does, over that of noise: a tenth of what is seen may be noise."""
 BY_TURNS = 3
-"""Times that settings and the disturbance that they leave are found by turns."""
+"""Accuracy: times that settings and the disturbance that they leave are found by turns: 2 change 0.002, and 6 change 1e-4."""
 LEAST_FREEDOM = 2.0
-"""Least degrees of freedom that a fit must leave to what it does not explain, over the number of its unknowns."""
+"""Accuracy: independent samples of a fit, over its unknowns u, at least: n/(n − u), by which its variance grows, is 2 at most."""
 
 
 def balanced_signs(settings: int) -> Real:

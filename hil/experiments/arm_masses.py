@@ -28,7 +28,7 @@ from hil.design.coupled.masses import (
     dips_of,
     fit_masses,
 )
-from hil.design.uncertainty import CORNER_SIGMAS
+from hil.design.uncertainty import CORNER_SIGMAS, LEAST_SPREAD
 from hil.errors import HilError, NotPossibleError
 from hil.results.arm import ArmResult, LineDips, MeasuredDip
 
@@ -37,17 +37,17 @@ Real = NDArray[np.float64]
 FEWEST_POSTURES = 3
 """Bound: postures below which nothing is fitted: fewer leave the masses behind one joint undetermined."""
 TRIED_POSTURES = 80
-"""Postures of the workspace, of which one is named that would tell most."""
+"""Accuracy: postures of the workspace, of which one is named that would tell most: 40 to 160 give the same one on the reference
+arm, and the same masses."""
 ALONG_LINE = 21
 """Accuracy: points of the line at which dips are predicted, 5 % of it apart."""
 NEAR_DEG = 5.0
-"""Difference of every joint up to which a posture is near to the line."""
+"""Accuracy: difference of every joint up to which a posture is near to the line: one joint of the reference arm moves dips by 1.9
+% (rms) then."""
 STAYS_DEG = 0.5
-"""Turn of a joint that counts as none."""
-BODIES_OFF = 0.05
-"""Relative distance of a dip from which the bodies of the bench file do not fit."""
-POOR_PERCENT = 2.0
-"""Standard error of a predicted dip above which a note asks for one more posture."""
+"""Accuracy: turn of a joint that counts as none: the dips of the reference arm move by 0.3 % at most."""
+POOR = LEAST_SPREAD / CORNER_SIGMAS
+"""Relative standard error of a predicted dip above which a note asks for one more posture: it widens the corners of a design."""
 
 
 class ArmNotIdentifiedError(HilError):
@@ -128,7 +128,7 @@ class _Arm:
         worst = max((e / hz for each in line for hz, e in zip(each.dips_hz, each.standard_error_hz, strict=True)), default=0.0)
         if fit.misfit > CORNER_SIGMAS:
             notes.append(f"the masses do not explain the measured modes well: {_misfit_words(fit.misfit, rigid)}")
-        if 100.0 * worst > POOR_PERCENT:
+        if worst > POOR:
             notes.append(
                 f"dips along the line are known to {100.0 * worst:.1f} % only; measure one more posture, best "
                 f"--posture-deg {_posture_words(following)}"
@@ -245,7 +245,7 @@ def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
         f"at {worst.bodies_hz:.2f} Hz"
     )
     found = f"{words}: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
-    return [found + ("" if away < BODIES_OFF else "; check that the bodies and the payload are those of this robot")]
+    return [found + ("" if away < LEAST_SPREAD else "; check that the bodies and the payload are those of this robot")]
 
 
 def _misfit_words(misfit: float, rigid: Sequence[int]) -> str:

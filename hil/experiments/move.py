@@ -23,14 +23,13 @@ from hil.experiments.bus_demand import BusDemand
 from hil.experiments.measurement import check_demands, log_label
 from hil.experiments.position_before import PositionBefore
 from hil.master.motion import Motion
+from hil.master.run import APPROACH_RAMP_S
 from hil.master.session import Session
 from hil.master.whereabouts import AWAY_REV, name_range, rev_text
 from hil.recording import BusLog
 from hil.reporter import SILENT, Reporter
 from hil.robot_tables import Control
 
-WAY_RAMP_S: Final = 0.3
-"""Ramp at either end of a way."""
 SLOW_FRACTION: Final = 0.25
 """Bound: fraction of an axis' speed limit at which it is moved, where `approach_rps` is not slower: the tip of the reference
 robot goes at 0.11 m/s, below the 0.25 m/s of ISO 10218-1 for manual operation, and a quick stop takes a sixteenth of its way."""
@@ -48,7 +47,7 @@ def way_of(number: int, way_rad: float, speed_rps: float, period_s: float, most_
         period_s: SYNC period.
         most_rps_s: Largest acceleration of the motor; None without a limit.
     """
-    smooth = Smooth.way(way_rad / math.tau, speed_rps, WAY_RAMP_S, most_rps_s)
+    smooth = Smooth.way(way_rad / math.tau, speed_rps, APPROACH_RAMP_S, most_rps_s)
     times = sample_times(smooth.duration_s, period_s)
     angles = np.asarray(smooth.position(times))[:, np.newaxis] * way_rad
     return Motion((number,), times, angles, starts_at_home=False, returns=False)

@@ -14,8 +14,8 @@ from hil.bench.design import DesignedAxis, notch_table
 from hil.bench.model import Identified, IdentifiedAxis, with_identified
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from hil.design.frequency import Loop
-from hil.design.notch_design import GAIN_ENOUGH, WORST_RATIO, NotchVerdict, RequirementCheck
-from hil.design.notch_problem import NotchProblem
+from hil.design.notch_design import WORST_RATIO, NotchVerdict, RequirementCheck
+from hil.design.notch_problem import WORSE_FRACTION, NotchProblem
 from hil.design.notch_search import SearchResult, pooled_verdict, search, workers
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.arm_loops import arm_loops
@@ -247,7 +247,7 @@ class _Series:
             self.best = result.best
             what = f"no {shapes} filter of order {order} meets every requirement; the best one violates"
             return InfeasibleError(self.request.axis, what, result.best.missed)
-        if result.best.is_harmless and result.ratio < GAIN_ENOUGH:
+        if result.best.is_harmless and result.ratio < 1.0 - WORSE_FRACTION:
             return None
         self.best = self.best or self.none
         what = f"no filter of order {order} is an improvement"

@@ -11,6 +11,7 @@ from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, order_window_rps, tip_displacement_mm
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedAxis
+from hil.control.cancellation_table import LIMIT_USED
 from hil.control.notch import NOTCHES
 from hil.control.order_keys import amplitude_key
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
@@ -24,8 +25,6 @@ from hil.experiments.judge import scale_at
 
 OTHER_RAMPS = ((0.5, 1.0), (2.0, 0.75))
 """Rates of the slower and the faster ramp by the user's own, with weights: a robot's work is seldom the judged motion."""
-FAST_TORQUE_FRACTION = 0.7
-"""Part of the torque limit that the faster ramp may take to accelerate."""
 WATCHED = 1.85
 """Bound: speed up to which ramps lead in units of f_al/k: beyond the end of any filter that is tried."""
 LOWEST_WATCHED = 0.45
@@ -193,7 +192,7 @@ def _ramps(
 
     own = ramp(1.0, 1.0, max(wanted, *(high for _, high in made.values())))
     inertia = plant.motor_inertia_kg_m2 + plant.arm_inertia_kg_m2 / plant.reduction_ratio**2
-    fastest = FAST_TORQUE_FRACTION * limits.torque_nm / (2.0 * np.pi * inertia)
+    fastest = LIMIT_USED * limits.torque_nm / (2.0 * np.pi * inertia)
     others = [ramp(factor, weight, wanted) for factor, weight in OTHER_RAMPS if factor * rate <= max(rate, fastest)]
     reached = {order: window for order, window in made.items() if own.top_rps >= f_al_hz / order}
     first = min((order for order in request.orders if order in reached), default=1)

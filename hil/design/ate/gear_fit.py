@@ -58,8 +58,6 @@ RINGING_RAD = 100.0 * ARCSEC
 DELAY_LEFT_OPEN_S = 5e-6
 """Measured: least error of Δ: on the fifth of the robots 50401 to 50600 that stated the least, 7 µs, it was off by 11 µs
 (rms)."""
-POOR_MISS = 0.05
-"""Part of a vibration that a gear misses from which a fit from another start is worth its time."""
 MOST_MISS = 0.1
 """Measured: part of a vibration that a gear may miss: on robot 10116 one that missed 5 % had A_k right to 4 %, the linear arm 80
 to 120 % too large."""
@@ -85,9 +83,9 @@ GEARS = (
     {"softness": math.log(0.03), "hysteresis": math.log(10.0 * ARCSEC)},
 )
 """Gears from which the search starts: a linear one, a soft one with friction, one that is soft alone, and one with friction
-alone."""
-FIRST_GEARS = 2
-"""The others are tried where the best of these misses more of the vibration than a spring does (`SPRING_MISS`)."""
+alone.
+
+The last two are tried where the best of the others misses more of the vibration than a spring does (`SPRING_MISS`)."""
 
 
 @dataclass(frozen=True)
@@ -388,8 +386,8 @@ class GearFit:
     def run(self) -> GearEstimate:
         """The most likely unknowns, and their covariance."""
         found: list[_State] = []
-        for number, gear in enumerate(GEARS):
-            if number >= FIRST_GEARS and min(found, key=lambda each: each.evidence).noise.miss <= SPRING_MISS**2:
+        for gear in GEARS:
+            if found and not self._is_linear and min(found, key=lambda each: each.evidence).noise.miss <= SPRING_MISS**2:
                 break
             self._is_linear = gear is LINEAR
             found.append(self._climbed(self._from(gear), *SEARCHING))

@@ -11,15 +11,13 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Arm, RampsModel, least_squares
-from hil.design.estimation import inverse
+from hil.design.estimation import EVALUATIONS, inverse
 from hil.design.frequency import MOUNTING_HZ
 
 Real = NDArray[np.float64]
 
 LARGEST_BEND = 0.17
 """Bound: a mounting that resonates at 2.4 times the arm's frequency."""
-ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
-"""Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
 CONVERGED = 1e-6
 """Accuracy: step of each unknown, by its size, of the last round."""
 LEAST_ZETA = 0.003
@@ -76,11 +74,9 @@ def without_rounding(model: RampsModel, arm: Arm) -> Arm:
     The expected power of that noise P(ω, ζ) is known, and what is minimised is the residual's power less P: steps
     −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arm, the linear unknowns projected out.
     """
-    if not is_rounding_felt(model, arm):
-        return arm
     found, weight = arm, bend_weight(model, arm, model.solve(arm)[1])
     sizes = np.array([arm.resonance_hz, 1.0, 1.0 / (2.0 * math.pi * arm.resonance_hz), 1.0])
-    for _ in range(ROUNDING_STEPS):
+    for _ in range(EVALUATIONS):
         slopes = projected_slopes(model, found)
         downhill = slopes.T @ model.solve(found)[1]
         downhill[:2] += 0.5 * np.array(_rounding_slopes(model, found))
@@ -95,11 +91,6 @@ def without_rounding(model: RampsModel, arm: Arm) -> Arm:
         if np.all(np.abs(step) < CONVERGED * sizes):
             break
     return found
-
-
-def is_rounding_felt(model: RampsModel, arm: Arm) -> bool:
-    """True if the encoder's rounding is a visible part of the residual."""
-    return model.rounding_power(arm) >= ROUNDING_FELT * model.power(arm)
 
 
 def _rounding_slopes(model: RampsModel, arm: Arm) -> tuple[float, float]:

@@ -35,7 +35,8 @@ FEELS_NOTHING = 0.2
 HELD_TORQUE_FRACTION, HELD_TRAVEL_FRACTION = 0.9, 0.7
 """Measured with `SCALE_TOLERANCE`, 0.26 at most and 1 on 30 robots: torque by its limit and travel of an arm that is held."""
 LEAST_ASKED_REV = 0.2
-"""Distance from which it is told whether a motor follows."""
+"""Bound: distance from which it is told whether a motor follows: with K_pp = 25/s it lags a ramp of 4 rev/s² by a quarter of
+it."""
 FLAT_STRETCHES, FLAT_STEPS, PILE = 4, 20.0, 4.0
 """Bound: signs of a saturated signal: stretches at its largest value, distance of that from the median in resolution steps, and
 its count over that of the neighbouring values (a sine in steps: 2.4)."""

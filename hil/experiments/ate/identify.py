@@ -17,9 +17,9 @@ from hil.bench.model import Correlation, IdentifiedError
 from hil.control.angles import ARCSEC
 from hil.control.order_keys import order_keys
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_fit import POOR_MISS, on_its_gear
+from hil.design.ate.gear_fit import on_its_gear
 from hil.design.ate.gravity import weight_of
-from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, JointEstimate, with_arm
+from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, SPRING_MISS, JointEstimate, with_arm
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import SURE_SIGMAS, EstimatedParameter
@@ -29,7 +29,7 @@ from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import AteNotIdentifiedError, factor_remark, reached_rps
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import OrderScan, OrderWatch, checked, identify_orders
-from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, PASSED, Ramp, plan_ramp, resonance_ramp
+from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, Ramp, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import AteRequest, AxisKnowledge, Miss, first_ramp, is_seen, sensing_of
 from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.master.session import Session
@@ -45,8 +45,6 @@ SEARCHED_PASSES = 2
 """Passes after which the arm is searched for; later ones start from what is known."""
 WORTH_A_PASS = 0.75
 """A usable standard error that a pass has not brought below this fraction of itself is as good as passes make it."""
-FURTHER = 1.02
-"""End speed of a ramp over that of the last, from which it goes further."""
 SENSORLESS_BIAS = (
     "bias on the reference robot with the true J_l: A_k up to 1.2 %, φ_k up to 0.7°; a gear torque that reacts on the "
     "motor (τ_g dθ_sync/dθ_m, not in the model) adds 1.5 % to A_2 and 4 % to A_4"
@@ -107,7 +105,7 @@ class Identification:
     def is_reached(self, order: float) -> bool:
         """True if the ramps went through the resonance with an order."""
         reached = max(each.ramps.trajectory.end_rps for each in self.passes)
-        return reached >= PASSED * self.estimate.arm.resonance_hz / order
+        return reached >= BEYOND_RESONANCE * self.estimate.arm.resonance_hz / order
 
     @property
     def is_good(self) -> bool:
@@ -241,7 +239,7 @@ def simulated(
     """
     weight = weight_of(sweeps, reduction_ratio, knowledge.arm_inertia)
     found = on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
-    is_good = found.gear is not None and found.miss <= POOR_MISS
+    is_good = found.gear is not None and found.miss <= SPRING_MISS
     if is_good or weight is None or knowledge.start is None or knowledge.resonance_error_hz is None:
         return found
     known = with_arm(estimate, sweeps, reduction_ratio, sensing, knowledge.start)
@@ -264,7 +262,7 @@ def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
     if reached >= needed:
         return True
     last, further = made.ramps.ramp, resonance_ramp(made.ramps.ramp.limits, arm_hz, _slower(made), is_raised=True)
-    if further.end_rps >= max(needed, FURTHER * last.end_rps) and passes_left:
+    if further.end_rps >= needed and further.end_rps > last.end_rps and passes_left:
         return False
     short = (further if further.end_rps < needed else last).short_of(needed)
     if last.end_rps >= needed:

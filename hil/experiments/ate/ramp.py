@@ -22,21 +22,15 @@ from hil.experiments.motions import MARGIN_REV
 Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
 """Limit that binds a ramp: without it alone, it would end faster or accelerate more slowly; empty if none does."""
 
-FIRST_ORDER_END, PASSED = 1.2, 1.08
-"""End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
+FIRST_ORDER_END = 1.2
+"""End speed of a ramp over f_a where order 1 is to pass the resonance as well."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
 """Measured: acceleration of a first pass, which goes with f_a², and the f_a for which it is meant: A_2 scatters by 0.5 %, A_4 by
 0.7 % (docs/theory-transmission-error.md)."""
-SLOWEST_RPS_S = 0.3
-"""Least acceleration of a first pass, which an arm below 3.3 Hz has."""
 ARM_HURRY = 2.0
 """Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
 """Bound: end speed where f_a is not known, at which order 2 has passed 17 Hz; deceleration where no bench file names one."""
-LEAST_WANTED_RPS = 1.0
-"""End speed that every ramp has that has the room for it."""
-ADVISED_RPS_S = 50.0
-"""Accelerations from here on are not advised in messages."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +105,7 @@ class RampLimits:
         deceleration.
         """
         scale = 1.0 if arm_hz is None else (arm_hz / ACCELERATION_AT_HZ) ** 2
-        return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
+        return min(ACCELERATION_RPS_S * scale, self.braking_rps_s)
 
     def low_order_end(self, arm_hz: float, order: float, asked_rps_s: float) -> float:
         """End speed with which a low order passes the resonance, or 0."""
@@ -119,7 +113,7 @@ class RampLimits:
         fastest = self.braking_rps_s
         if self.is_arm:
             fastest = min(ARM_HURRY * self.suited(arm_hz), max(asked_rps_s, fastest))
-        return end if self.slowest(end) < fastest and end >= PASSED * arm_hz / order else 0.0
+        return end if self.slowest(end) < fastest and end >= BEYOND_RESONANCE * arm_hz / order else 0.0
 
 
 @dataclass(frozen=True)
@@ -174,7 +168,7 @@ class Ramp:
         least = limits.slowest(end_rps)
         if binds == "acceleration":
             remedies.insert(0, f"raise its limit acceleration_rps_s, {limits.acceleration_rps_s:g}")
-        elif least < min(ADVISED_RPS_S, limits.acceleration_rps_s):
+        elif least < limits.acceleration_rps_s:
             remedies.insert(0, f"accelerate with {least:.2f} rev/s² or more")
         return (
             f"that takes {self._travel_rev(end_rps):.1f} rev at {self.acceleration_rps_s:.3g} rev/s²; {where} there are "
@@ -232,5 +226,5 @@ def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float,
     Without an f_a it aims at `blind_end_rps`, with room for f_m2 of an arm of `ACCELERATION_AT_HZ`. `is_raised`: where travel is
     short.
     """
-    least = max(RINGING * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
+    least = RINGING * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0
     return plan_ramp(limits, asked_rps_s, limits.blind_end_rps if arm_hz is None else least, least if is_raised else 0.0)

@@ -25,8 +25,9 @@ WEAK = 0.5
 """Amplitudes below this fraction of the largest are held to the absolute accuracy of that fraction: they matter less."""
 NEARLY = 3.0
 """Bound: standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
-GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
-"""Standard errors that are a result where the gear is not a spring and more passes would not lower them: the trial decides."""
+GEAR_FRACTION_AT_MOST = 0.15
+"""Standard error of A_k e^{jφ_k}, as a fraction and in rad, that is a result where the gear is not a spring and more passes would
+not lower it: the trial decides."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Goal:
                 asked_deg = goal_deg * size / max(amplitude, 1e-30)
                 name = f"φ_{order:g}"
                 words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°; the goal is {asked_deg:.2g}°"
-                most = GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg
+                most = math.degrees(GEAR_FRACTION_AT_MOST) if is_gears else NEARLY * goal_deg
                 missed.append(Miss(name, order, words, error_deg / goal_deg, error_deg <= most))
         return missed
 
@@ -116,8 +117,6 @@ class AteRequest:
 
 GEAR_FRACTION_ERROR = 0.15
 """Bound: standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
-FARTHEST_DELAY_S = 0.010
-"""Delay from a plant's beyond which none is searched."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,7 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
     delay_s = None if plant is None else plant.accelerometer_delay_s
     if plant is None or delay_s is None:
         return DELAY_S
-    reach_s = min(0.25 / plant.antiresonance_hz, FARTHEST_DELAY_S)
+    reach_s = min(0.25 / plant.antiresonance_hz, -DELAY_S[0])
     low, high = max(DELAY_S[0], delay_s - reach_s), min(DELAY_S[1], delay_s + reach_s)
     is_told = FAR_SIGMAS * plant.standard_error.get("accelerometer_delay_s", math.inf) < 0.5 * reach_s
     return (low, high) if is_told and low < delay_s < high else DELAY_S

@@ -19,7 +19,7 @@ from hil.reporter import SILENT, Reporter
 Real = NDArray[np.float64]
 
 TOP_SPEED = 0.98
-"""Part of the highest speed that a motion has before its last braking."""
+"""Accuracy: part of the highest speed that a motion has before its last braking: from 10 rev/s with 20 rev/s², 10 ms late."""
 
 
 @dataclass

@@ -32,6 +32,7 @@ from hil.design.estimate import Estimate
 from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
+from hil.experiments.cancellation.effect import LEAK
 from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict, Seen
 
 Real = NDArray[np.float64]
@@ -52,8 +53,6 @@ CONTRADICTED_S = 3e-3
 """Bound: the same where passes contradict it: answers that come late are some milliseconds late."""
 SAME = 0.1
 """Difference as a fraction up to which a value is the one that was refused."""
-LEAST_LEFT = 0.01
-"""Fraction of the vibration below which another pass is not worth its time."""
 DELAY, REACTION, GAIN = "delay", "reaction", "gain"
 UNKNOWN_YET = Estimate((), np.zeros(0), np.zeros((0, 0)))
 
@@ -439,7 +438,7 @@ class Correction:
         is_undecided = any(
             each.verdict == "refused" or (each.verdict == "not judged" and self._is_new(each.part.order)) for each in verdicts
         )
-        return is_undecided or not set(wanted) <= self.acted.keys() or self.left_fraction(resonance_hz) >= LEAST_LEFT
+        return is_undecided or not set(wanted) <= self.acted.keys() or self.left_fraction(resonance_hz) >= LEAK
 
     def _is_new(self, order: float) -> bool:
         """True if an order has a value that was not known."""

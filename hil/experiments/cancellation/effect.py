@@ -28,6 +28,7 @@ from hil.design.estimation import EVALUATIONS, ROUNDING
 from hil.design.frequency import OF_SAMPLING, Loop
 from hil.design.ringing import PADDING_S
 from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
+from hil.design.uncertainty import LIKELY
 from hil.recording import Recording
 
 Real = NDArray[np.float64]
@@ -44,9 +45,6 @@ rms of z of a cancellation's factor and turn is 0.45 to 0.95."""
 JOLT = 0.6
 """Measured: what of the motion's own vibration an order takes as its own, by its projection on the order's wave: on 119 drawn
 arms below 7 Hz (10142 to 10341, 50001 to 50200), 190 right orders kept 0.6 of it (rms; nine in ten less than 1.0)."""
-LIKELY = (0.04, 0.4, 0.003)
-"""Measured: deviations of a model's ln f and ln ζ, and of the sensor's delay in s: plants and ramps of the drawn robots 10700 to
-10764 differ by 0.013 and 0.42 (rms)."""
 PLANNED_SPREAD = 1.6
 """Measured: standard deviation of the planned motion's two amplitudes around 1 and 0: it is 1.6 on the 16 of the drawn robots
 51105 to 51144 that determine them to 0.1."""

@@ -50,7 +50,7 @@ from hil.results.learning import LearningPass, LearntAxis
 from hil.robot_tables import ORDERS, TransmissionErrorTable
 
 LOWEST = 2.0
-"""Order whose resonance every ramp passes; a lower one's where the limits allow."""
+"""Bound: order whose resonance every ramp passes, that of a wave generator's two lobes; a lower one's where the limits allow."""
 
 PASSES = 5
 """Most passes unless another number is asked for: without, with a part, and three with the whole cancellation."""

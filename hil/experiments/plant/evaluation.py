@@ -15,7 +15,7 @@ from hil.experiments.plant.motion import ExcitedSignal, PlantRequest, Travel
 from hil.robot_tables import PlantTable
 
 WIDE_DEG = 30.0
-"""Arm angle over which gravity's cosine can be told from a constant."""
+"""Bound: arm angle over which gravity's cosine is told from a constant: at its top it falls by 1 − cos 15° = 3 %."""
 TIP_DELAY = "accelerometer_delay_s"
 """The one parameter that is there with an accelerometer only."""
 

@@ -61,13 +61,17 @@ from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 
 PILOTS = 3
-"""Pilot runs that are made at most: each is stronger, until the resonances are roughly known."""
+"""Bound: pilot runs, each stronger until the resonances are roughly known: 0.05 · 5² of the torque limit is more than it."""
 PILOT_RISE = 5.0
-"""Largest ratio of the amplitudes of two pilots."""
-MOVED, CALM = 0.1, 0.3
-"""Beyond this relative change of bias speed the gear no longer resonates; this fraction of its vibration is then assumed."""
+"""Measured: largest ratio of the amplitudes of two pilots: on 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749) the
+first was enough."""
+MOVED = 0.1
+"""Bound: relative change of bias speed from which it is another of `BIASES`, which are 14 % apart at least."""
+CALM = 0.3
+"""Fraction of the gear's vibration that is assumed at another bias speed: there the gear no longer resonates."""
 CALMER = 0.6
-"""Factor of the amplitude where the motor turned back under one that was chosen."""
+"""Measured: factor of the amplitude where the motor turned back under one that was chosen: on none of the drawn robots 10700 to
+10764."""
 
 
 class PlantIdentification:

@@ -21,12 +21,11 @@ from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, takes_torque_offset
 from hil.experiments.motions import MARGIN_REV
 from hil.master.motion import Motion, Real
+from hil.master.run import APPROACH_RAMP_S
 from hil.master.whereabouts import move_command
 
-RAMP_S = 0.5
-"""Duration of a change of speed; the turns between stretches are not evaluated."""
 SETTLE_S = 0.4
-"""Time from the start of a slow stretch to its evaluated part."""
+"""Accuracy: time from the start of a slow stretch to its evaluated part: a loop of K_pp = 10/s is 2 % of its lag off by then."""
 PERIODS_S = (2.0, 1.0)
 """Bound: periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
 PER_STRETCH = (9, 8, 7, 6, 5, 3)
@@ -152,7 +151,7 @@ def stretch_rev(bias_rps: float, period_s: float, periods: int) -> float:
 
     The stretch has one period to settle, the evaluated periods, and a ramp at either end.
     """
-    return bias_rps * (period_s * (1 + periods) + RAMP_S)
+    return bias_rps * (period_s * (1 + periods) + APPROACH_RAMP_S)
 
 
 def plan_travel(
@@ -304,7 +303,7 @@ class MotionBuilder:
         distance = there - self.here
         if abs(distance) < 1e-9:
             return
-        way = Smooth.way(distance, bench.approach_rps, RAMP_S, bench.axis[axis].limits.acceleration_rps_s)
+        way = Smooth.way(distance, bench.approach_rps, APPROACH_RAMP_S, bench.axis[axis].limits.acceleration_rps_s)
         self._append(self.here + distance * way.position(sample_times(way.duration_s, self.sync_s)[1:]))
 
     def cruise(self, rps: float, count: int, excitation: Real | None = None) -> slice:
@@ -318,7 +317,7 @@ class MotionBuilder:
         Returns:
             The rows at constant speed.
         """
-        ramp = round(RAMP_S / self.sync_s)
+        ramp = round(APPROACH_RAMP_S / self.sync_s)
         rising = 0.5 - 0.5 * np.cos(math.pi * (np.arange(ramp) + 0.5) / ramp)
         speed = np.concatenate([rising, np.ones(count), rising[::-1]])
         where = self.here + rps * self.sync_s * np.cumsum(speed)
@@ -392,9 +391,9 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
     whole = travel.high_rev - travel.low_rev
     stretches, speeds = [], []
     builder.go(travel.low_rev - start_rev, bench, request.axis)
-    fastest_rps = min(fastest_rps, whole / (2.0 * (RAMP_S + SETTLE_S)))
+    fastest_rps = min(fastest_rps, whole / (2.0 * (APPROACH_RAMP_S + SETTLE_S)))
     for speed in (*SLOW_RPS, travel.bias_rps, max(fastest_rps, travel.bias_rps)):
-        room = whole - speed * RAMP_S
+        room = whole - speed * APPROACH_RAMP_S
         turns = room if speed == travel.bias_rps else min(SLOW_TURNS, room)
         count = round(turns / speed / builder.sync_s)
         skip = round(SETTLE_S / builder.sync_s)

@@ -16,17 +16,18 @@ from hil.recording import Recording
 PROBE_RPS = SLOW_RPS[0]
 """Speed of the probe: that of the slowest turn."""
 PROBE_S = 0.4
-"""Duration of its part at constant speed in either direction; its ramps take another fifth of a turn."""
+"""Bound: duration of its part at constant speed in either direction: with its ramps it is 0.36 rev, within `MARGIN_REV`."""
 CORRELATED_ROWS = 10.0
-"""Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
+"""Measured: rows for which the torque of a slow turn keeps its deviation: 1 to 2.6 on 13 drawn robots (10700, 10712, 10730,
+10735, 10740 to 10749), 20 on one."""
 WOUND_FRACTION = 0.7
 """Measured: torque per radian of the motor by torque limit over N: gravity's is 0.11 at most on the drawn robots 10700 to
 10764."""
 ERROR_BEND = 4.0 * 100.0 * ARCSEC
 """Largest d²θ_sync/dθ_m² in 1/rad, that of 100″ at order 2: times the gear's torque it is a spring at the motor."""
 WOUND_OVER_FRICTION = 3.0
-"""Torque wound up in the probe over friction's: gravity on the slope of the transmission error rises by as much as friction, an
-arm that is held by the gear's whole stiffness."""
+"""Measured with `CORRELATED_ROWS`, 0.6 at most: torque wound up in the probe over friction's: gravity on the slope of the
+transmission error rises by as much as friction, an arm that is held by the gear's whole stiffness."""
 STILL_FRACTION = 0.2
 """Measured: fraction of the travel below which the motor has not turned: 0.998 to 1.01 on the drawn robots 10700 to 10764."""
 

@@ -17,9 +17,11 @@ from hil.recordings.reading import Recorded
 RATIO_OFF, RATIO_OFF_FRACTION = 0.5, 0.004
 """Bound: difference of the given and the found ratio that no eccentricity makes: absolute, and by the ratio."""
 SWUNG_ACROSS = 25
-"""Samples to either side between which the speed of a swing is taken: its square must not be that of the stamps' jitter."""
+"""Accuracy: samples to either side between which the speed of a swing is taken, whose square must not be that of the stamps'
+jitter: a factor of 2 changes 0.004 in four recordings."""
 WHOLE_WITHIN = 0.25
-"""Distance from a whole number within which a ratio that nobody gave is taken to be that number."""
+"""Measured: distance from a whole number within which a ratio that nobody gave is taken to be that number: 0.01 to 0.11 in four
+recordings of a real robot's joints."""
 
 
 def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float:

@@ -16,16 +16,13 @@ from hil.design.recorded.clock import SampledInstants, clock_of
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.stretches import MotionStretch
 from hil.design.recorded.through_arm import ArmPrior, RefinedArm, ThroughArm, arm_section, refined_arm
-from hil.design.uncertainty import LEAST_SPREAD
+from hil.design.ringing import LAW_ERROR
+from hil.design.uncertainty import LEAST_SPREAD, LIKELY
 from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError, RecordedRequest
 from hil.experiments.ate.request import axis_knowledge, sensing_of
 from hil.recordings.reading import Recorded
 from hil.results.recorded_ate import Form
 
-DAMPING_FRACTION, DELAY_ERROR_S = 0.3, 0.002
-"""Standard errors of a damping, as a fraction, and of a sensor's delay that state none; a resonance has `LEAST_SPREAD`."""
-LEAST_RESONANCE_FRACTION, LEAST_DAMPING_FRACTION = 0.002, 0.03
-"""Least standard errors of an identified plant: load and temperature differ from day to day."""
 STEADY_S = 0.5
 """Time at the beginning of a recording that starts in motion, which is left out: nobody knows how the arm rang before."""
 
@@ -116,8 +113,8 @@ def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | 
         resonance = errors.get("antiresonance_hz", 0.0) / part.antiresonance_hz
         damping = errors.get("damping", 0.0) / part.damping
         delay = part.torque_lag_s if is_torque else part.accelerometer_delay_s
-        least = max(resonance, LEAST_RESONANCE_FRACTION), max(damping, LEAST_DAMPING_FRACTION)
-        error_s = DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S
+        least = max(resonance, LAW_ERROR), max(damping, LEAST_SPREAD)
+        error_s = LIKELY[2] if delay is None else 0.5 * LIKELY[2]
         return ArmPrior(replace(start, delay_s=delay or 0.0), *least, error_s), "the model file"
     plant = bench.axis[axis].plant()
     if plant is None:
@@ -126,4 +123,4 @@ def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | 
         )
     arm = Arm.of(plant)
     arm = replace(arm, damping=max(arm.damping, 1e-4))
-    return ArmPrior(arm, LEAST_SPREAD, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
+    return ArmPrior(arm, *LIKELY), "the bench file"

@@ -19,6 +19,7 @@ from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
 from hil.design.estimation import FAR_SIGMAS
+from hil.design.notch_problem import RISE
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
 from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import HilError, NotPossibleError
@@ -29,6 +30,7 @@ from hil.experiments.cancellation.probing.reaction import shown_reactions
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper
 from hil.experiments.cancellation.probing.runs import Runs
 from hil.experiments.cancellation.waves import LEAST_REACH_S
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.judge import axis_scale, line_scale, missing_words
 from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import Motion
@@ -48,12 +50,8 @@ SPREAD_ARCSEC = 30.0
 """Bound: rms of A_k cos φ_k and A_k sin φ_k before anything is known: gears have 20″ to 100″ in all."""
 FIRST_RUNS = 2
 """Most runs with what follows from the first round."""
-APPLIED_RUNS, CONVERGED_FRACTION = 4, 0.9
-"""Most runs with what follows, each leading on from the last; fraction of the last one's vibration above which none follows."""
 WEAKEST_SIGMAS = 1.0
 """Probability: standard errors from which an order may be kept because the tip is quieter with it."""
-OWN_PACE_WORSE = 1.2
-"""Vibration at the line's own pace, over that before, up to which what another pace has shown is taken."""
 
 
 class MotionNotLearntError(HilError):
@@ -130,7 +128,7 @@ def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, 
     effects = runs.probe(parts, runs.allowed(parts, wanted, first.vector), first.vector)
     led = replace(first, effects=effects, step=_step(effects))
     led = _with_reactions(bench, known, learning, led, learning.runs[level:])
-    return _lead(runs, led, APPLIED_RUNS)
+    return _lead(runs, led, MOST_RUNS)
 
 
 def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) -> TipScale:
@@ -207,7 +205,10 @@ def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
 
 
 def _lead(runs: Runs, led: _Led, most: int) -> _Led:
-    """Run with the settings while the tip becomes quieter; return the quietest run."""
+    """Run with the settings while the tip becomes quieter; return the quietest run.
+
+    A fall that would be harmless as a rise is the last.
+    """
     tried: list[tuple[_Led, ProbedStep]] = []
     vector = led.vector
     for number in range(1, most + 1):
@@ -215,7 +216,7 @@ def _lead(runs: Runs, led: _Led, most: int) -> _Led:
         run = runs.applied(led.parts, vector)
         onward = _step(led.effects, run)
         tried.append((replace(led, vector=vector, run=run), onward))
-        if number > 1 and run.rms_mm > CONVERGED_FRACTION * _run_of(tried[-2][0]).rms_mm:
+        if number > 1 and RISE * run.rms_mm > _run_of(tried[-2][0]).rms_mm:
             break
         vector = vector + onward.settings
     best, onward = min(tried, key=lambda each: _run_of(each[0]).rms_mm)
@@ -235,7 +236,7 @@ def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float
         return led
     runs.say("at the line's own pace with the values found so far")
     run = runs.applied(found.parts, found.vector)
-    if run.rms_mm > OWN_PACE_WORSE * _run_of(led).rms_mm:
+    if run.rms_mm > RISE * _run_of(led).rms_mm:
         return led
     step = replace(led.step, settings=np.zeros(len(found.vector)), covariance=found.covariance, seen=found.seen)
     return _Led(found.parts, led.effects, found.vector, step, run)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, identified_axis
 from hil.design.frequency import LIKELY_DAMPING
+from hil.design.modes.fit import MODE_GRID
 from hil.design.probing import Effects, ProbedStep
 from hil.experiments.cancellation.effect import Part, sight
 from hil.experiments.cancellation.waves import ProbedRows, response_of, waves_of
@@ -25,13 +26,12 @@ Real = NDArray[np.float64]
 Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
 
 CHANGES_HZ = 3.0
-"""Frequency up to which amplitude and phase of what an order does to the tip change: as the motor passes a resonance."""
+"""Bound: frequency up to which amplitude and phase of what an order does to the tip change: as a resonance is passed, by no more
+than its width 2 ζ f, 3 Hz at 30 Hz with ζ = 0.05."""
 LEAST_KEPT = 0.5
 """Probability: fraction of the rest of an effect that must be no noise, so that it is kept."""
 LEAST_PART_SEEN = 0.9
 """Fraction of an order that is seen from which it is said to be."""
-GRID, SWEEPS = 24, 2
-"""Resonances that are tried for each axis, from the band's one end to the other; times that all axes are gone through."""
 
 
 def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: slice) -> Effects:
@@ -150,7 +150,7 @@ def resonances_hz(
         for number in orders
         if orders[number] and identified.axis[number].plant is None and bench.axis[number].model is None
     ]
-    tried = np.geomspace(*rows.band_hz, GRID).tolist()
+    tried = np.geomspace(*rows.band_hz, MODE_GRID).tolist()
     mask = np.zeros(len(recordings[0].time_s), dtype=np.bool_)
     mask[rows.rows] = True
     found: dict[int, float] = {}
@@ -164,7 +164,9 @@ def resonances_hz(
         waves = waves_of(bench, made, orders, motion, recordings[0])
         return sum(float(np.sum(sight(each, waves, mask, rows.band_hz).residual ** 2)) for each in recordings)
 
-    for _ in range(SWEEPS):
+    before: dict[int, float] | None = None
+    while found != before:
+        before = dict(found)
         for number in free:
             found[number] = min(tried, key=lambda hz: left({**found, number: hz}))
     return found

@@ -21,6 +21,7 @@ from hil.experiments.cancellation.probing.learning import learn_on_motion, motio
 from hil.experiments.cancellation.probing.motion import peak_and_rms, resonances_hz, with_values
 from hil.experiments.cancellation.probing.pace import paced_line
 from hil.experiments.cancellation.probing.record import MotionLearning, RunKind
+from hil.experiments.decision import MOST_RUNS
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.motions import CONSTANT_ACCELERATION, constant_acceleration, line_motion
 from hil.experiments.motor_inertia import given_inertia
@@ -29,9 +30,6 @@ from hil.reporter import SILENT, Reporter
 from hil.results.base import MeasuredBench
 from hil.results.learning import LearntOnMotion, MotionLearningResult, ProbedPart, ProbingRun
 from hil.robot_tables import ORDERS
-
-READ_RUNS = 4
-"""Probing runs from which the resonances are read by which a trial reads the orders."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +165,7 @@ def _learnt(
     values = {part: outcome.value for part, outcome in learning.outcomes.items()}
     known = Identified(robot=bench.name) if identified is None else identified
     model = with_values(known, learning.motion, values, learning.inertias, learning.scale.f_al_hz, learning.reactions)
-    read = [run.recording for run in learning.of_kind("probe")[:READ_RUNS]]
+    read = [run.recording for run in learning.of_kind("probe")[:MOST_RUNS]]
     resonances = resonances_hz(bench, model, learning.motion, read, learning.probed)
     runs = f"{len(learning.all_runs)} runs of {request.motion}"
     note = "; ".join(text for text in (on.isoformat(), runs, request.note) if text)

@@ -43,8 +43,8 @@ LOAD_HZ = 1.5
 """Bound: frequency up to which a gear's load is that of gravity and of the motion."""
 REACTS_POWER, REACTS_LOAD = 0.4, 0.3
 """Fraction of the load's power in the band that a reaction explains from which it counts as seen, and the least load for that."""
-LEAST_FRICTION = -0.3
-"""Least friction that a seen reaction may leave, over the slow torque: friction opposes the motion."""
+LEAST_FRICTION = -REACTS_LOAD
+"""Least friction that a seen reaction may leave, over the slow torque: friction opposes the motion, and less is not seen."""
 
 
 class ShownReaction(NamedTuple):
