@@ -14,10 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
-
-Real = NDArray[np.float64]
 
 SPEED_LOWPASS_HZ = 20.0
 """Corner of the low-pass, forward and backward, that makes a speed from the sampled motor angle."""

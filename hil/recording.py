@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.files.safefile import naming
 from hil.can.frame import CAN_SFF_MASK, RECORD, Frame
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 TIP = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2")
 """Acceleration of the tip; on a bench with an arm in the base frame."""

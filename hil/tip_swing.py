@@ -12,11 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_]
+from hil.control.arrays import Complex, Real, Rows
 
 MOST_SWINGS = 3
 """Largest number of resonances that are looked for."""

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import (
     DIRECTIONS,
@@ -23,10 +22,8 @@ from hil.analysis import (
     peak_of,
     shown_band,
 )
+from hil.control.arrays import Real, Rows
 from hil.recording import TIP, Recording
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 BAND_POWER = 8
 """Power by which the band falls: that of Butterworth's of order 4 without phase. Of the motion below it, which grows with 1/f² by

@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.masses import mass_matrix
 from hil.arm.tables import ArmTable
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 
 @dataclass(frozen=True)

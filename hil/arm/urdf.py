@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from drive_profiles.errors import FileError, Problem
@@ -24,8 +23,7 @@ from drive_profiles.files.xml_tree import Element, parse
 from hil.arm.bodies import LARGEST, Body, Inertia, Vector, merged, moved
 from hil.arm.rotation import roll_pitch_yaw, rotation
 from hil.arm.tables import MOST_LINKS, ArmLink, ArmTable
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MAX_BYTES = 4 << 20
 KIND = "a URDF file"

@@ -13,15 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.bench.bench import Bench, with_levers
 from hil.bench.tip import NO_ANGLES, joint_angles
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
 from hil.recording import TIP, Recording
-
-Real = NDArray[np.float64]
 
 LOWPASS_HZ = 60.0
 """Highest frequency of an acceleration from angles: above it, steps of 20 bits are larger than any arm's vibration."""

@@ -16,13 +16,14 @@ from drive_profiles.standard.cia402 import Object, State, state_of
 from hil.bench.bench import Bench
 from hil.bench.load_encoder import watched_axes, with_load_encoders
 from hil.bench.tip import with_tip
+from hil.control.arrays import Real
 from hil.control.trajectory import sample_times
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, SHUTDOWN
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.limits import limit_of
-from hil.master.motion import Motion, Real
+from hil.master.motion import Motion
 from hil.master.request import check_set_points
 from hil.master.run import Run, RunStopError
 from hil.master.session import Session

@@ -8,11 +8,11 @@ import numpy as np
 from hil.commissioning.held import HeldAxis, held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.standing import STOP_S
+from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS
 from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest
 from hil.experiments.plant.probe import PROBE_RPS, probe_motion, probe_trouble, slow_torque
 from hil.master.control_words import QUICK_STOP
-from hil.master.motion import Real
 from hil.results.check import CheckEntry
 
 SHOWN_TRAVEL: Final = (0.8, 1.25)

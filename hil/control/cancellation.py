@@ -23,14 +23,10 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.cancellation_table import FADE_REV, CancellationTable, MotorLoad
 from hil.core.library import CORE
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 CANCELLATION_CONFIG, CANCELLATION_STATE = CORE.dtype("cancellation_config"), CORE.dtype("cancellation_state")
 WAVE_COLUMNS: int = CORE.call.WAVE_COLUMNS

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hil.control.arrays import Complex, Real
 
 FADED_OVER_KEPT = 1.25
 """Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""

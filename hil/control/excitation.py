@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil.control.arrays import Real
+
 Lines = NDArray[np.int64]
 
 _ROUNDS = 200
@@ -27,7 +28,7 @@ class Excitation:
         lines: Excited bins of the discrete Fourier transform; bin k is at k/period; shape (m,).
     """
 
-    wave: Array
+    wave: Real
     sample_s: float
     lines: Lines
 
@@ -37,7 +38,7 @@ class Excitation:
         return len(self.wave) * self.sample_s
 
     @property
-    def frequency_hz(self) -> Array:
+    def frequency_hz(self) -> Real:
         """Frequencies of the excited lines; shape of `lines`."""
         return self.lines / self.period_s
 
@@ -47,7 +48,7 @@ class Excitation:
         return crest_factor(self.wave)
 
 
-def crest_factor(wave: Array) -> float:
+def crest_factor(wave: Real) -> float:
     """Return peak over root mean square; infinite for a zero signal."""
     power = float(np.mean(np.square(wave)))
     return float(np.max(np.abs(wave))) / math.sqrt(power) if power > 0.0 else math.inf
@@ -77,7 +78,7 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
     return lines
 
 
-def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
+def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitation:
     """Return a multisine of low peak, scaled to a peak of 1.
 
     The cosines' phases keep the peak low.
@@ -114,14 +115,14 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
     return Excitation(best / np.max(np.abs(best)), sample_s, lines)
 
 
-def _check(lines: Lines, amplitude: Array, count: int) -> None:
+def _check(lines: Lines, amplitude: Real, count: int) -> None:
     if lines.shape != amplitude.shape or lines.ndim != 1:
         raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
     if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= count:
         raise ValueError(f"lines must lie between 1 and {(count - 1) // 2}")
 
 
-def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
+def chirp(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitation:
     """Return a sweep through the band once in a period.
 
     It rises from low to high, and is scaled to a peak of 1.

@@ -22,11 +22,8 @@ from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.core.library import CORE
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.treatments import ShaperName
-
-Real = NDArray[np.float64]
 
 EI_TOLERANCE = 0.05
 """Remaining vibration V that EI allows at the mode, and two-hump EI at both sides of it, to be below it in a wider range."""

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hil.design.frequency import Complex, Loop
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Complex, Real
+from hil.design.frequency import Loop
 
 COMPLIANCE_BAND_HZ = (0.1, 30.0)
 """Bound: band of process forces and of the arm's resonances, in which the largest compliance is searched."""

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 PROBABILITY = 0.975
 """Probability: from which a claim counts as true."""

@@ -15,13 +15,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.following import ArmModel
 from hil.design.frequency import OF_SAMPLING, RESONANCE_BAND
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FITTED = (0.45, 2.4)
 """Frequencies over f_al between which the response is fitted."""

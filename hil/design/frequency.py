@@ -12,11 +12,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_OFF, FixedFilter, Notch, notch_coefficients, notch_weight
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating[Any, Any]]
 
 CONTROL_PERIOD_S = 250e-6

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import norm
 
+from hil.control.arrays import Real
 from hil.design.estimation import EstimatedParameter, UnidentifiableError, inverse
-from hil.design.frequency import Real
 
 STRIBECK_RAD_S = (0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0, 7.0)
 """Accuracy: Stribeck speeds ω_s that are tried, a factor of 1.5 apart: averaged, τ_C of 60 drawn robots is 2.6 % off (rms)."""

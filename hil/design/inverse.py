@@ -35,14 +35,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.cancellation_table import ARRAYS, CancellationTable, MotorLoad, WaveLabel
 from hil.design.counter_motion import counter_motion
 from hil.design.frequency import TIP_HZ, Loop
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Actuation = Literal["reference", "torque", "torque alone"]
 """Inputs of the loop that move the motor: the set-point alone, a torque offset with it, or the torque offset alone."""
 

@@ -18,9 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import SEARCHED_SIGMAS
-
-Real = NDArray[np.float64]
 
 RESOLVED = 0.1
 """Largest frequency of a ripple, in units of the sampling rate, that the spline follows."""

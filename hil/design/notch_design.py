@@ -8,16 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
 from hil.design.coupled.loops import ArmFamily
 from hil.design.frequency import Margins
 from hil.design.notch_problem import NotchProblem, Requirements, Rise, rises
 from hil.design.speed_margins import LoopFamily, SpeedMargins, widened
-
-Real = NDArray[np.float64]
 
 SHAPES = {"switched": NOTCH_SWITCHED, "trapezoid": NOTCH_TRAPEZOID}
 

@@ -11,14 +11,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.coupled.loops import ArmLoops
 from hil.design.frequency import Loop
 from hil.design.ramp import RampMotion, follow
 from hil.design.uncertainty import Member
-
-Real = NDArray[np.float64]
 
 Displacement = Callable[[RampMotion], Real]
 """Displacement of the tip in mm over the time of a motion, as the metric of measured runs has it."""

@@ -14,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import SHAPES, Judge, NotchVerdict, verdict
 from hil.design.notch_problem import RISE, NotchProblem
-
-Real = NDArray[np.float64]
 
 CHUNK = 3
 """Accuracy: filters that a worker weighs at a time, for time alone: those that break a limit take a tenth of it."""

@@ -22,8 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hil.control.arrays import Complex, Real
 
 TURNS = 2.0
 """Bound: a window in turns of the motor: it tells orders one apart, and a ramp through a resonance takes about as many."""

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimate import Estimate
 from hil.design.estimation import (
     EVALUATIONS,
@@ -35,7 +36,7 @@ from hil.design.estimation import (
     UnidentifiableError,
     inverse,
 )
-from hil.design.frequency import Complex, Real, TwoInertia
+from hil.design.frequency import TwoInertia
 from hil.design.plant_problem import (
     AGE,
     ARM_PART,

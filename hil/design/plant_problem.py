@@ -26,9 +26,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.cascade import Cascade
 from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
-from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
+from hil.design.frequency import AnyComplex, Loop, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4

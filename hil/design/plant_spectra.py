@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.design.frequency import Complex, Real
+from hil.control.arrays import Complex, Real
 
 Lines = NDArray[np.int64]
 

@@ -19,11 +19,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import ROUNDING
-
-Real = NDArray[np.float64]
 
 MOST_SETTINGS = 128
 """Bound: settings of a design: two of each of 64 orders, more than all axes of an arm have."""

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.servo import LAW, ServoConfig
 from hil.core.library import CORE
 from hil.design.frequency import Loop, TwoInertia, held
 from hil.design.transmission_error import TransmissionError
-
-Real = NDArray[np.float64]
 
 SAMPLE_S = 0.002
 """Bound: time between two samples of the result: 500 Hz shows vibrations up to 25 Hz with ease."""

@@ -23,14 +23,12 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import SEARCHED_SIGMAS, SEEN_SIGMAS
 from hil.design.frequency import OF_SAMPLING
 from hil.design.plant_spectra import TREND_ORDER
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
-
-Real = NDArray[np.float64]
 
 RANGE_HZ = (2.0, 48.0)
 """Bound: frequencies that are looked at: arms of robots ring at 4 to 30 Hz."""

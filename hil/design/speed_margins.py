@@ -5,14 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, Notch
 from hil.core.library import CORE
 from hil.design.frequency import Loop
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _COMPLEX = CORE.dtype("complex_real")
 FINE_BAND = (0.33, 2.7)

@@ -12,12 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hil.control.arrays import Complex, Real
 
 PAPER_ORDERS = (2, 4)
 """Bound: orders of eq. (2)."""

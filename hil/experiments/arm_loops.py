@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.line import arm_line
@@ -22,6 +21,7 @@ from hil.arm.straight_line import LineError
 from hil.arm.tables import ArmTable
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedArm, IdentifiedAxis, IdentifiedPlant, stiffness_of
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_OFF
 from hil.counting import axes_in_words
 from hil.design.coupled.loops import POLE_SPEEDS, ArmCase, ArmLoops, Other
@@ -29,8 +29,6 @@ from hil.design.coupled.structure import Structure
 from hil.design.frequency import Loop, TwoInertia
 from hil.design.uncertainty import CORNER_SIGMAS, Member
 from hil.robot_tables import Control
-
-Real = NDArray[np.float64]
 
 LINE_FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Fractions of the way at which the arm is frozen."""

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.line import arm_line
@@ -19,6 +18,7 @@ from hil.arm.straight_line import LineError
 from hil.arm.tables import ArmTable
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedArm
+from hil.control.arrays import Real
 from hil.design.coupled.masses import (
     LEAST_FREQUENCY_ERROR,
     FeltMode,
@@ -31,8 +31,6 @@ from hil.design.coupled.masses import (
 from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import HilError, NotPossibleError
 from hil.results.arm import ArmResult, LineDips, MeasuredDip
-
-Real = NDArray[np.float64]
 
 FEWEST_POSTURES = 3
 """Bound: postures below which nothing is fitted: fewer leave the masses behind one joint undetermined."""

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, shown_band, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.control.arrays import Complex
 from hil.control.trajectory import reach_rps
 from hil.design.estimation import FAR_SIGMAS
-from hil.design.frequency import CONTROL_PERIOD_S, Complex
+from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.design.uncertainty import LEAST_SPREAD
 from hil.errors import NotPossibleError

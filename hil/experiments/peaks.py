@@ -7,16 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
+from hil.control.arrays import Real, Rows
 from hil.design.notch_problem import WORSE_FRACTION, WORSE_MM
 from hil.experiments.decision import Decision
 from hil.experiments.window import noise_variance
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 LEAST_ROWS = 8
 """Rows that a window must have."""

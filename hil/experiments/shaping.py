@@ -11,9 +11,10 @@ import numpy as np
 from hil.arm.kinematics import Kinematics
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.control.arrays import Complex, Real
 from hil.control.shapers import EI_TOLERANCE, Shaper, SwingingMode, shaper_for
 from hil.control.treatments import LoopName, ShaperName, treatment
-from hil.design.frequency import CONTROL_PERIOD_S, Complex, Real
+from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.modes.problem import ArmMode
 from hil.design.modes.ring_down import closed_loop_rates, modes_of
 from hil.errors import NotPossibleError

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import (
     BRAKING_S,
@@ -24,9 +23,9 @@ from hil.analysis import (
 )
 from hil.bench.bench import Bench
 from hil.bench.tip import AT_RANGE
+from hil.control.arrays import Complex, Real
 from hil.design.ate.model import resolution_rad
 from hil.design.ate.rest import STILL_ROOM, variance_at_rest
-from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import OrderTrack, order_track
 from hil.experiments.judge import FoundScale
@@ -34,8 +33,6 @@ from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
 from hil.recording import SENSED, TIP, Recording
 from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_acceleration, vector_metrics
-
-Real = NDArray[np.float64]
 
 NOISE_PEAK = 2.5
 """Probability: largest value of a band's noise in a window by its root mean square: that of a dozen independent samples."""

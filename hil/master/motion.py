@@ -4,15 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hil.control.arrays import Real
 from hil.control.notch import FixedFilter, Notch
 from hil.errors import SafetyStopError
 from hil.master.lateness import WallClockTiming
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
 
 FilterUse = Literal["none", "notch"]
 """The filters of the bench file that act in a run: none of them, or all."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from drive_profiles.standard.units import interpolation_period
 from hil.bench.bench import AxisTable, Limits
+from hil.control.arrays import Real
 from hil.control.notch import FixedFilter, Notch
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
@@ -17,7 +18,7 @@ from hil.design.frequency import margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CSP, mode_of
-from hil.master.motion import FilterUse, Motion, Real
+from hil.master.motion import FilterUse, Motion
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.whereabouts import way_out
 

@@ -12,6 +12,7 @@ import numpy as np
 from drive_profiles.standard.cia402 import State, control_word_towards, state_of
 from hil.bench.bench import Bench
 from hil.can.errors import ChannelError
+from hil.control.arrays import Real
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
 from hil.core.library import CORE
@@ -27,7 +28,7 @@ from hil.master.run_table import RunTable
 from hil.master.set_point_adder import CompiledAdder, Sensed, SensingAdder, SetPointAdder, SteppedAdder
 from hil.master.supervision import Supervisor
 from hil.master.whereabouts import LastPositions, Whereabouts, stop_text
-from hil.recording import Real, Recording
+from hil.recording import Recording
 
 ENABLE_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 2.0

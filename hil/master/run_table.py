@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.core.library import CORE
-from hil.recording import Real, Recording
+from hil.recording import Recording
 
 _COMMON: int = CORE.call.COMMON_COLUMNS
 _PER_AXIS: int = CORE.call.AXIS_COLUMNS

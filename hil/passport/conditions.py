@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
+
 Rows = NDArray[np.int64]
 
 WARMTH = 0.01

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.eds.description import Description, load
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK
+from hil.control.arrays import Real
 from hil.errors import LogError, MissingPackageError, RecordingFileError
 from hil.logs.log import Log, Stream
 from hil.logs.nodes import MappedNumber, described_node
 from hil.logs.opening import open_log
 from hil.recordings.source import MOST_ROWS, at_stamps
-
-Real = NDArray[np.float64]
 
 STAMPS = "time_s"
 """Name under which the frames' own time is offered."""

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS, at_stamps
-
-Real = NDArray[np.float64]
 
 TIME = "time_s"
 """Name under which the channels' own time is offered."""

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import RecordingFileError
 from hil.recordings.layout import Column, Said, choose_columns
 from hil.recordings.source import Source, complete_rows
 from hil.recordings.units import Role
-
-Real = NDArray[np.float64]
 
 GOES_BACK = 20.0
 """Step backwards of the time, in periods, that no jitter makes."""

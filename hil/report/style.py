@@ -20,11 +20,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.report import palette, svg
 from hil.report.later_text import LaterText
 from hil.report.zoomable import ZoomFigure, keep_name, keep_whole, zoomable
-
-Real = NDArray[np.float64]
 
 BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE, PAPER, GREY, EDGE, GRID, SHADE = (
     colour.day

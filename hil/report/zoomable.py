@@ -12,11 +12,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.report import palette
 
-Real = NDArray[np.float64]
 Range = tuple[float, float]
 
 NAMES = {colour.day: colour.name for colour in palette.OF_FIGURES}

@@ -17,6 +17,7 @@ from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
 from hil.can.listening import ReceivedFrames
+from hil.control.arrays import Real
 from hil.logs.findings.bus import likely_bits
 from hil.logs.log import Stream
 from hil.scope.overhearing import Overhearing
@@ -24,7 +25,6 @@ from hil.scope.past import widened
 from hil.scope.readers import TARGET, FrameReading, reading_of
 from hil.scope.signals import Signal, SignalQuantity
 
-Real = NDArray[np.float64]
 ROWS_BEHIND = 2
 """Rows between a position set-point and the position that it asks for: one that is sent before SYNC n takes effect with it, is
 reached at SYNC n + 1, and stands in the row before n."""

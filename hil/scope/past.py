@@ -3,9 +3,8 @@
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 KEPT_S = 10.0
 """Time that is kept."""

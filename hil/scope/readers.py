@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.units import counts_per_rev
 from hil.bench.bench import AxisTable, Bench
+from hil.control.arrays import Real
 from hil.errors import NodeError
 from hil.export.decoded import acceleration_step_m_s2
 from hil.logs.log import Stream
@@ -85,7 +85,6 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
     )
 
 
-Real = NDArray[np.float64]
 TARGET = "target"
 """Name of the set-point of a position, from which the following error is made; it has no figure of its own."""
 _SPEED, _FOLLOWING_ERROR = 0x606C, 0x60F4

@@ -4,17 +4,16 @@ from collections import deque
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.can.errors import BusLostError
 from hil.can.listening import Listener
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
 from hil.recording import TIP, Recording
 from hil.scope.decoder import HeardEvent, SignalDecoder
 from hil.scope.past import Past
 from hil.scope.signals import Signal, SignalQuantity
 
-Real = NDArray[np.float64]
 MOST_EVENTS = 500
 TWO_PI = 2.0 * np.pi
 

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
+
 STATE_BITS = 0x6F
 """Bits of the status word that show the state (CiA 402, 6041h)."""
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.bodies import Body, Inertia
 from hil.arm.masses import mass_matrix
@@ -25,9 +24,6 @@ from hil.arm.urdf import turning_joints, with_links
 from plant_emulator.robots.fleet import CONTROL_PERIOD_S, RANGES, Draws, accelerometer, driven, rounded
 from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
 from plant_emulator.trials.distributions import Distributions, Even, Logarithmic
-
-Real = NDArray[np.float64]
-
 
 ARM_RANGES: Distributions = {
     **RANGES,

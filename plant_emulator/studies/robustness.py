@@ -22,6 +22,7 @@ from hil.analysis import (
     tip_scale,
     without_phase,
 )
+from hil.control.arrays import Real
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.frequency import Block, Loop
@@ -43,8 +44,6 @@ from plant_emulator.studies.spread import (
 )
 from plant_emulator.trials.executors import CRASHED_WORDS, Executors, run_all
 from plant_emulator.trials.rows import Row, numbers
-
-Real = NDArray[np.float64]
 
 WINDOW_SAMPLES = 16
 """Fewer samples in the window than this are not a run through it."""

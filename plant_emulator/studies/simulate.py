@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drive_profiles.standard.units import Scaling, real32
 from hil.arm.line import arm_line
+from hil.control.arrays import Real
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.trajectory import sample_times
@@ -17,8 +18,6 @@ from hil.robot_tables import Control, NotchShape
 from plant_emulator.motion.axes import Axes, FollowedRun
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.robot import Robot
-
-Real = NDArray[np.float64]
 
 SETTLE_S = 0.5
 """Rest of the axes before a motion."""

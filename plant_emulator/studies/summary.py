@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from plant_emulator.studies.robustness import RESULTS, Study
 from plant_emulator.studies.spread import Unknown
 from plant_emulator.trials.rows import Row, Value, csv_text, numbers, text
 from plant_emulator.trials.statistics import CONFIDENCE, RunFraction, percentiles, run_fraction
-
-Real = NDArray[np.float64]
 
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 FEWEST_RUNS = 20

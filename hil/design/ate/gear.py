@@ -13,11 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.core.library import CORE
 from hil.design.ate.ripple import NO_RIPPLE, Ripple
 from hil.design.transmission_error import motor_speed_rps
-
-Real = NDArray[np.float64]
 
 STEPS_PER_RADIAN = 2.0
 """Accuracy: steps per radian of the fastest vibration: a Runge-Kutta step of order 4 turns it by 3e-4 rad too little (h⁵/120)."""

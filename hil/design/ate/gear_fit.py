@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
@@ -39,9 +39,6 @@ from hil.design.frequency import MOUNTING_HZ, RESONANCE_BAND
 from hil.design.modes.problem import LARGEST_ZETA, SMALLEST_ZETA
 from hil.design.plant_problem import SMOOTHED_LINES
 from hil.design.transmission_error import TransmissionError
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 LARGEST_ENCODER = 13.0
 """Bound: an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import BaseMotion, GearLaw
 from hil.design.ate.model import Arm, Sweep, resolution_rad
 from hil.design.ate.rest import variance_at_rest
 from hil.design.ate.ripple import Ripple
 from hil.design.transmission_error import motor_speed_rps
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 GEAR_BAND = (0.3, 2.1)
 """Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""

@@ -5,13 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.design.ate.model import Sweep
 from hil.design.ate.reaction import averaged
 from hil.design.order_map import SLOWEST_RPS
-
-Real = NDArray[np.float64]
 
 MEAN_S = 0.1
 """Accuracy: width of the mean over which torque and motion are slow: a factor of 2 changes estimates by 0.01, errors by 6 %."""

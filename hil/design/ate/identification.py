@@ -27,9 +27,9 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.order_keys import amplitude_key, order_keys, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import misfit, noise_variance, structured_power
@@ -40,8 +40,6 @@ from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter, inverse
 from hil.design.ringing import DAMPINGS
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
-
-Real = NDArray[np.float64]
 
 SEARCH_HZ = (4.0, 35.0)
 """Bound: resonances among which an unknown arm is searched: arms ring at 4 to 30 Hz."""

@@ -14,11 +14,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.frequency import TwoInertia
 from hil.design.transmission_error import TransmissionError, acceleration_spectrum, shown_error, shown_waves
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Signs = NDArray[np.int8]
 
 GEAR_FRACTION = 0.9

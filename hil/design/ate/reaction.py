@@ -20,13 +20,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.frequency import Loop
 from hil.design.order_map import STEP, order_tracks
 from hil.design.transmission_error import TransmissionError
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""

@@ -8,13 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.ate.model import Arm, RampsModel, least_squares
 from hil.design.estimation import inverse
 from hil.design.frequency import MOUNTING_HZ
-
-Real = NDArray[np.float64]
 
 LARGEST_BEND = 0.17
 """Bound: a mounting that resonates at 2.4 times the arm's frequency."""

@@ -16,14 +16,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.ate.model import Sweep
 from hil.design.estimation import ROUNDING
 from hil.design.frequency import OF_SAMPLING
 from hil.design.ringing import RINGING
 from hil.design.transmission_error import motor_speed_rps
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SPLINED = 0.3
 """Frequency over the sampling rate up to which the spline through the samples is kept; from `OF_SAMPLING` on c_k replaces it."""

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hil.control.arrays import Complex, Real
 from hil.control.notch import Notch
 from hil.design.coupled.structure import Structure, closed
-from hil.design.frequency import Complex, Loop, Real
+from hil.design.frequency import Loop
 from hil.design.speed_margins import OpenLoops, SpeedMargins, looked_at_hz, widened
 
 FINE_HZ = 45.0

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.control.arrays import Real
 from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, ROUNDING
-from hil.design.frequency import Real
 
 RANK_TOLERANCE = 1e-5
 """Accuracy: singular value over the largest, unknowns scaled alike, below which postures do not determine a combination."""

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.frequency import Block, Complex, Real, TwoInertia, closed_loop, held
+from hil.control.arrays import Complex, Real
+from hil.design.frequency import Block, TwoInertia, closed_loop, held
 
 
 def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimation import DIFFERENCE_STEP, SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
-from hil.design.frequency import LIKELY_DAMPING, Complex, Real
+from hil.design.frequency import LIKELY_DAMPING
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
 from hil.design.plant_identification import Descents, PlantEstimate, enlargement, estimate_of
 from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming

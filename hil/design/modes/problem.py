@@ -21,8 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimation import EstimatedMode
-from hil.design.frequency import TIP_HZ, AnyComplex, Complex, Real, TwoInertia
+from hil.design.frequency import TIP_HZ, AnyComplex, TwoInertia
 from hil.design.plant_problem import (
     DAMPING,
     J_L,

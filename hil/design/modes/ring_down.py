@@ -16,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.arrays import Complex, Real
 from hil.control.shapers import MOST_SHAPED_DAMPING, SwingingMode
 from hil.design.coupled.structure import Structure
 from hil.design.estimation import inverse
-from hil.design.frequency import TIP_HZ, Complex, Loop, Real
+from hil.design.frequency import TIP_HZ, Loop
 from hil.design.modes.problem import ArmMode
 
 APART_HZ = 1e-3

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.order_map import TURNS
 from hil.design.recorded.slow import DegreeChoice, degrees_for
-
-Real = NDArray[np.float64]
 
 REPEATS = 120
 """Accuracy: signals that are made of the blocks of a residual: standard errors come out to 6 %."""

@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection, waves_of_angle
 from hil.design.recorded.order_columns import OrderColumns
 from hil.design.recorded.scan import MOST_LOOKS, floor_of, floor_reach, plain_amplitudes
-
-Real = NDArray[np.float64]
 
 KEEPS_FREQUENCY = 10.0
 """Probability: logarithm of the likelihood ratio of a fixed frequency and an order from which a line is of that frequency."""

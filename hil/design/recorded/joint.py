@@ -10,12 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection, SectionFit, fit_section
-
-Real = NDArray[np.float64]
 
 DRIFTS_BELOW = 0.001
 """Probability: of the differences of an order between stretches, were it the same in all, below which it has changed."""

@@ -6,12 +6,10 @@ They are made once, and show how much of any signal each order explains.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.slow import slow_columns
-
-Real = NDArray[np.float64]
 
 SCAN_FROM, SCAN_TO, ORDER_STEP = 0.6, 10.0, 0.01
 """Bound: orders of a scan, and their step: below lies what is slow. A peak of r revolutions is 1/r wide, ten steps at r = 10."""

@@ -14,12 +14,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.order_map import APART_TURNS
 from hil.design.recorded.fit import AngleSection, waves_of_angle
 from hil.design.recorded.order_columns import ORDER_STEP, SCAN_FROM, SCAN_TO, OrderColumns
 from hil.design.recorded.slow import slow_columns
-
-Real = NDArray[np.float64]
 
 FLOOR_WIDTH, FLOOR_CELLS = 1.0, 16.0
 """Measured: orders to either side of which the floor is the median, and independent ones at least. Of 100 recordings without any

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MOST_DEGREE = 24
 """Accuracy: highest degree that is tried: a factor of 2 changes nothing in two recordings."""

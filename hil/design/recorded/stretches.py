@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MOVING = 0.03
 """Speed from which a motor moves, by the quickest that it does: what is slower is the beginning or the end of a motion."""

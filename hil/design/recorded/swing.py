@@ -12,12 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.recorded.fit import AngleSection, fit_section, waves_of_angle
-
-Real = NDArray[np.float64]
 
 TOLD_WITHIN = 0.1
 """Probability: standard error of c (k f_m)² at its largest from which the swing is told from a larger error."""

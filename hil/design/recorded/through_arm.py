@@ -13,14 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.ate.model import Arm, Sensing
 from hil.design.frequency import OF_SAMPLING
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.slow import degrees_for, slow_columns
-
-Real = NDArray[np.float64]
 
 FINE_S = 0.0005
 """Accuracy: step on which the arm answers: 0.1 % at 30 Hz."""

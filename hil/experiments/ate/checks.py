@@ -6,10 +6,10 @@ Each failure names the number that is wrong and the number needed.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Limits
 from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.control.arrays import Real
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S
 from hil.design.estimation import FAR_SIGMAS, SEEN_SIGMAS, SURE_SIGMAS
@@ -18,8 +18,6 @@ from hil.errors import HilError, RefusalCause
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
-
-Real = NDArray[np.float64]
 
 VIBRATES = 0.1
 """Measured with `SCALE_TOLERANCE`, 0.02 at most: unexplained fraction of the vibration from which another order is looked for."""

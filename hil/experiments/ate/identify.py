@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Correlation, IdentifiedError
@@ -36,8 +35,6 @@ from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.robot_tables import TransmissionErrorTable
-
-Real = NDArray[np.float64]
 
 LEAST_ACCELERATION_RPS_S = 1.0
 """No pass is slower on an arm of 12 Hz: there the arm is in its steady state all the way, and another pass buys as much."""

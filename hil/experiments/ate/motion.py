@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.control.trajectory import ConstantAcceleration, Smooth, sample_times
 from hil.experiments.ate.ramp import Ramp
 from hil.experiments.motions import MARGIN_REV
 from hil.master.motion import Motion, RunResult
 from hil.master.run import APPROACH_RAMP_S
-
-Real = NDArray[np.float64]
 
 DWELL_S, TAIL_S = 0.3, 0.5
 """Bound: rest before each ramp, and behind it, in which the arm rings down: in both, at 12 Hz and ζ = 0.05, to 1/20."""

@@ -13,17 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.control.arrays import Real
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.estimation import SEARCHED_SIGMAS
 from hil.experiments.ate.checks import VIBRATES, AteNotIdentifiedError, check_estimate
 from hil.experiments.ate.ramp import Ramp
-
-Real = NDArray[np.float64]
 
 LOOKED_AT = (0.5, 10.0)
 """Bound: orders among which others are looked for, from and to."""

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, band_passed, motor_speed_rps
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.experiments.cancellation.waves import seen_rows
 from hil.experiments.peaks import PeakChange, Windows
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-
-Real = NDArray[np.float64]
 
 TOP_SPEED = 0.98
 """Part of the highest speed that a motion has before its last braking."""

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.model import Correlation, IdentifiedError, significant
+from hil.control.arrays import Real
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.reaction import REACTS, Reaction
@@ -33,8 +33,6 @@ from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
 from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict, Seen
-
-Real = NDArray[np.float64]
 
 Source = Literal["known", "learnt"]
 """`known` before the first pass, or `learnt` from the passes."""

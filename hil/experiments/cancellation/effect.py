@@ -20,19 +20,15 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real, Rows
 from hil.design.ate.model import Arm, levelled
 from hil.design.estimation import EVALUATIONS, ROUNDING
 from hil.design.frequency import OF_SAMPLING, Loop
 from hil.design.ringing import PADDING_S
 from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_]
 
 LOWEST_HZ = 0.3
 """Bound: nothing of X is needed below it: a band of vibration begins at 2 Hz."""

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import DIRECTIONS
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.cancellation import CancellationLaw
 from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings, SecondDifference
 from hil.design.following import arm_model, band_pass, resonance_of, rounding_noise_m_s2
@@ -25,8 +25,6 @@ from hil.experiments.treatment import NO_FOLLOWING_BY_ENCODERS, NO_FOLLOWING_ON_
 from hil.master.motion import Motion
 from hil.master.set_point_adder import Sensed
 from hil.results.following import FollowedOrder
-
-Real = NDArray[np.float64]
 
 LEAST_CHANGE = 1e-3
 """Accuracy: change of a factor from which on the law is told of it."""

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real, Rows
 from hil.control.cancellation_table import CancellationTable
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import Loop
@@ -33,10 +34,6 @@ from hil.experiments.peaks import Windows
 from hil.experiments.window import NOISE_PEAK
 from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_]
 
 JOLT_FACTOR = 1.3
 """What is asked at least, in units of what the motion makes of its own."""

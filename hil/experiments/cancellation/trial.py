@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale
 from hil.bench.model import Identified
+from hil.control.arrays import Real
 from hil.control.cancellation_table import CancellationTable
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
@@ -36,9 +36,6 @@ from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 ON_RAMPS = "with slow ramps, "
 """Where a part is judged that the motion hides: by the motion and slow ramps together."""

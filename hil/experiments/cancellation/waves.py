@@ -15,6 +15,7 @@ from hil.analysis import BRAKING_S, TipScale, band_passed, line_window_s, motor_
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, identified_axis, with_identified
 from hil.bench.tip import vertical_levers_m
+from hil.control.arrays import Real, Rows
 from hil.design.ate.model import Arm
 from hil.design.estimation import DIFFERENCE_STEP
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -24,9 +25,6 @@ from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, LineMotion
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 REACH = (0.45, 1.2)
 """Frequencies that count as in the band, by its ends: its skirts let through what is large, and sums of orders."""

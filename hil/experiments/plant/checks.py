@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.design.plant_problem import OUTSIDE
@@ -15,7 +16,6 @@ from hil.errors import HilError, RefusalCause
 from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.pilot import told_lever_ratio
-from hil.master.motion import Real
 
 SATURATED_FRACTION = 1e-3
 """Measured: fraction of the rows that may be at the torque limit: 0 on the drawn robots 10700 to 10764."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.design.estimation import UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
 from hil.design.modes.fit import fit_modes
@@ -55,7 +56,7 @@ from hil.experiments.plant.pilot import (
     set_point_room_nm,
 )
 from hil.experiments.plant.probe import probe_motion, probe_trouble
-from hil.master.motion import Real, RunResult
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter

@@ -14,13 +14,13 @@ import numpy as np
 
 from drive_profiles.family.profile import Profile
 from hil.bench.bench import AxisTable, Bench, Limits
+from hil.control.arrays import Complex, Real
 from hil.control.excitation import Excitation, band_lines, chirp, multisine, quiet_bias_rps
 from hil.control.trajectory import Smooth, sample_times
-from hil.design.frequency import Complex
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, takes_torque_offset
 from hil.experiments.motions import MARGIN_REV
-from hil.master.motion import Motion, Real
+from hil.master.motion import Motion
 from hil.master.whereabouts import move_command
 
 RAMP_S = 0.5

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.arrays import Complex, Real
 from hil.control.cancellation_table import LIMIT_USED
 from hil.control.cascade import Cascade
-from hil.design.frequency import Complex, Loop
+from hil.design.frequency import Loop
 from hil.design.plant_identification import PlantEstimate
 from hil.design.plant_problem import SamplingTiming, tip_response
 from hil.design.plant_spectra import Spectra
 from hil.experiments.plant.motion import ExcitedSignal, Travel
-from hil.master.motion import Real
 
 PILOT_FRACTION = 0.05
 """Amplitude of the pilot run as a fraction of the torque limit."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS, inverse
 from hil.experiments.plant.motion import SLOW_RPS, MotionBuilder, PlannedMotion, PlantRequest, planned
-from hil.master.motion import Real
 from hil.recording import Recording
 
 PROBE_RPS = SLOW_RPS[0]

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MOST_POINTS = 4000
 """Points of a picture: no screen shows more."""

@@ -9,13 +9,11 @@ At a constant speed both are the same, and the log cannot distinguish them.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of
 from hil.logs.nodes import Node
 from hil.logs.trace import Trace
-
-Real = NDArray[np.float64]
 
 LEAST_REV, LEAST_ANSWERS, MOST_ANSWERS = 6.0, 512, 120_000
 """Revolutions and answers of a stretch that can be looked at, and the answers that are."""

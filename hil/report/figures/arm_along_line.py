@@ -6,12 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.arm.kinematics import Kinematics
+from hil.control.arrays import Real
 from hil.report import arm_motion, style
 from hil.report.arm_motion import MovedArm
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ABOVE, ANGLE, SIDE
-from hil.report.style import Drawing, Line, Real
+from hil.report.style import Drawing, Line
 
 POSTURES = (0.3, 0.5, 1.0)
 """Postures that are drawn, evenly along the line from its start to its end, by the strength of their lines."""

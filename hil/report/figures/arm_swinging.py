@@ -14,13 +14,14 @@ from hil.arm.regressor import PER_LINK, regressor
 from hil.arm.swinging import ModeShape, mode_shapes
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedArm
+from hil.control.arrays import Real
 from hil.report import style
 from hil.report.arm_motion import MovedArm, draw_directions, draw_ground, draw_skeleton, fit_limits, moved_arms, round_down
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ANGLE, View, fullest
 from hil.report.report_table import vector_text
-from hil.report.style import Drawing, Line, Real
+from hil.report.style import Drawing, Line
 from hil.tip_swing import MOST_SWINGS, Swing, resonances_hz, spectrum_mm, swing
 
 ELLIPSE_M = 0.2

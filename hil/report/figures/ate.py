@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from hil.bench.model import IdentifiedError
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
@@ -24,7 +25,7 @@ from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.plotted_run import FEWEST, draw_passage, passage_panels, spread_arcsec
 from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.results.ate import AteResult, AteRun
 
 AROUND = (0.75, 1.3)

@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 
 from hil.analysis import motor_speed_rps
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
 from hil.design.frequency import Loop, Margins, acceleration_bound, margins
 from hil.design.notch_problem import Requirements
 from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.report import style
 from hil.report.material import Material, treatment_name
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.report.tables.paper_runs import filters_end
 from hil.results.acted import FilterSet
 from hil.robot_tables import NotchTable

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
-from hil.report.zoomable import Real, ZoomCurve, ZoomFigure, ZoomMap, ZoomPanel
+from hil.report.zoomable import ZoomCurve, ZoomFigure, ZoomMap, ZoomPanel
 
 LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
 OWN = ("plotting.js", "zoom.js")

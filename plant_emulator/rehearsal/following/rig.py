@@ -13,6 +13,7 @@ from drive_profiles.standard.units import Scaling, real32
 from hil.analysis import band_passed, integrated_twice
 from hil.bench.bench import Bench, Model
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.control.cascade import Cascade
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 Follower = Union[FollowingLaw, "FollowerBase"]
 """A tracking law: the product's, or one of those that are compared with it."""
-Real = NDArray[np.float64]
 
 NOISE_SEED = 4711
 NO_BEGINS: Mapping[float, float] = {}

@@ -13,11 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
+from hil.control.arrays import Real
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
 from hil.design.uncertainty import CORNER_SIGMAS
@@ -35,8 +35,6 @@ from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
 from hil.robot_tables import ORDERS
-
-Real = NDArray[np.float64]
 
 PROBE_ARCSEC, PROBE_ARCSEC_PER_MM = (3.0, 15.0), 30.0
 """Amplitude of a probe at least and at most, and for each mm of the tip's peak without cancellation: of the size of that."""

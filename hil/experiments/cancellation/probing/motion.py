@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, identified_axis
+from hil.control.arrays import Real
 from hil.design.frequency import LIKELY_DAMPING
 from hil.design.probing import Effects, ProbedStep
 from hil.experiments.cancellation.effect import Part, sight
@@ -21,7 +21,6 @@ from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.robot_tables import TransmissionErrorTable
 
-Real = NDArray[np.float64]
 Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
 
 CHANGES_HZ = 3.0

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.design.probing import ProbedStep, step_to_nothing
 from hil.errors import UnsafeRequestError
 from hil.experiments.cancellation.effect import Part
@@ -24,8 +25,6 @@ from hil.experiments.cancellation.probing.runs import Runs, paced
 from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.motions import line_motion
 from hil.master.motion import Motion
-
-Real = NDArray[np.float64]
 
 SPEED_ROOM = 0.9
 """Fraction of an axis' limit of speed up to which a line may go at another pace: probes and what shakes need the rest."""

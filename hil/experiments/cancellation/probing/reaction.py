@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.analysis import band_passed
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real
 from hil.design.ate.reaction import felt_as
 from hil.design.estimation import SURE_SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -35,9 +35,6 @@ from hil.experiments.cancellation.probing.motion import GearReaction, settings_o
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun
 from hil.experiments.cancellation.waves import ProbedRows
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 LOAD_HZ = 1.5
 """Bound: frequency up to which a gear's load is that of gravity and of the motion."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale
+from hil.control.arrays import Real
 from hil.design.probing import RunScatter, scatter_of
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms
@@ -18,7 +18,6 @@ from hil.experiments.cancellation.waves import ProbedRows
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 
-Real = NDArray[np.float64]
 RunKind = Literal["base", "probe", "applied"]
 MotionRunKeeper = Callable[[int, RunKind, RunResult], object]
 """What keeps a run, counted from 1; it may have been stopped."""

@@ -7,10 +7,10 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.control.arrays import Real
 from hil.counting import counted
 from hil.design.probing import Effects, balanced_signs, effects_of
 from hil.errors import NotPossibleError, UnsafeRequestError
@@ -23,8 +23,6 @@ from hil.experiments.cancellation.waves import ProbedRows
 from hil.experiments.window import check_range
 from hil.master.session import Session
 from hil.reporter import Reporter
-
-Real = NDArray[np.float64]
 
 BASE_RUNS = 3
 """Bound: runs without any cancellation: before the probes, in their middle, and behind them, so that a drift is noise as well."""
