@@ -174,9 +174,6 @@ class BusLog:
     """Log of every frame of the master.
 
     In memory while an axis moves, written to the file between the motions.
-
-    Attributes:
-        is_on: True if frames are logged.
     """
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:

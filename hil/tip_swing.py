@@ -31,7 +31,6 @@ class Swing:
     """Vibration of the tip at one frequency.
 
     Attributes:
-        frequency_hz: The frequency.
         amplitude_mm: Complex amplitude a along x, y and z, in a Hann window over the rows; shape (3,).
         row: Row around which the vibration at this frequency was largest.
     """

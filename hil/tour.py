@@ -79,7 +79,6 @@ class TourOutcome:
 
     Attributes:
         result: Content of `result.json`: that of a comparison, and the steps.
-        failure: Error that ended it early, or None.
         comparison: End of the comparison; None if the tour ended before.
     """
 
@@ -125,7 +124,6 @@ class TourRunner(ABC):
         reporter: Listener of each step, and of each run of the comparison.
         request: Request of the comparison that the tour ends with.
         emulated: Whether the robot of each step was emulated, as far as that is known.
-        comparisons: Outcome of the comparison, once it has run.
     """
 
     def __init__(self, bench: Bench, out: Path, reporter: Reporter, request: ComparisonRequest) -> None:
@@ -211,7 +209,6 @@ class _TourRunner(TourRunner):
 
     Attributes:
         axes: Axes that are identified and get a filter.
-        effort: Effort of the search for a filter.
         robot: The drawn robot that is served, or None.
         designed: Axes with a designed filter; None for all.
         notches: Both notches of the axes that had one before.
@@ -409,12 +406,10 @@ def run(
     `out/result.json` has the steps, also after a failure.
 
     Args:
-        address: Address of the bus.
         out: Directory; made if it is missing. Model and design file of an earlier tour are replaced.
         axes: Axes that are identified and get a filter; empty for those of the bench file with a notch.
         experiments: Experiments of the comparison, as far as the bench file has them.
         effort: Effort of the search for a filter; None for that of `hil design notch --quick`.
-        reporter: Listener of each step, and of each run of the comparison.
         bench_text: Text of the bench file; None for the drawn robot's, and without one for the reference bench without any model.
         robot: The drawn robot that is served. Its file is read only at the end, to compare its true numbers with the
         identified ones.

@@ -49,8 +49,6 @@ def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_co
 
     Args:
         dictionary: Object dictionary of any emulated node, also of a described drive.
-        file_name: Name that the file will have.
-        product: Name of the product.
         order_code: By which it is ordered; left out, the product's name.
 
     Raises:

@@ -63,9 +63,7 @@ class World:
     A node whose controller is bus-off neither receives nor sends until it has recovered or been power-cycled.
 
     Attributes:
-        now: The world's time in ns.
         axes: The mechanics.
-        drives: Drives by axis number.
         accelerometer: The node at the tip.
         course: The core's record for cycles that need no Python.
         on_power_cycle: Called with the port of a node that gets its supply back.
@@ -75,7 +73,6 @@ class World:
         """Build the nodes; `power_on` starts them.
 
         Args:
-            robot: The robot file.
             unconfigured: Ports of nodes that have left the factory without a node-ID, beside those of the robot file: an LSS
                 master must give them one.
 
@@ -338,7 +335,6 @@ class World:
             message: Records of RPDOs, and of a SYNC behind them.
             start: SOF of the first, in ns.
             begin: Beginning of the cycle, at the end of the one before or later.
-            bit_ns: Time of a bit.
 
         Returns:
             None if the frames must go one by one; then nothing has happened.

@@ -67,11 +67,9 @@ class EdsSection:
     """The keys between one ``[name]`` and the next.
 
     Attributes:
-        name: Name as written.
         line: Line number of the head.
         last: Line number of the last key, or of the head.
         entries: First entry of each key, by `folded` key.
-        repeated: Further entries of the same keys.
     """
 
     name: str

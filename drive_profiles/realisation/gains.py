@@ -21,9 +21,6 @@ class PidGains:
     τ = P (r − θ) + I ∫(r − θ) + D d(r − θ)/dt, with the difference of the reference paths.
 
     Attributes:
-        proportional_nm_rad: P, N·m/rad.
-        integral_nm_rad_s: I, N·m/(rad·s).
-        derivative_nm_s_rad: D, N·m·s/rad.
         reference_lag_s: 1/K_p, time constant of the low-pass that makes the PID on the error the P-PI without feed-forward.
         reference_velocity_nm_s_rad: Torque per ṙ that is added instead of the low-pass.
         reference_position_nm_rad: Torque per r that is added with it.

@@ -60,7 +60,6 @@ class JournalStatement:
         possible: Bytes that each object may hold now, by address; a single value where that is certain.
         stored: ``yes``, ``no`` or ``unknown``: the drive has stored the values.
         outcome: End of the upload as it noted it; empty if it was killed before.
-        stored_before: Value of `stored` before the last attempt.
     """
 
     snapshot: UploadSnapshot

@@ -47,7 +47,6 @@ class Upload:
     Attributes:
         identity: Identity that the drive stated; None before `prepare`.
         writes: The objects of the set and their bytes.
-        warnings: Warnings to the user, one sentence each.
         stored: ``yes``, ``no``, ``unknown`` or ``again``: the drive has stored its values on request of this upload.
     """
 

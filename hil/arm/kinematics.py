@@ -54,7 +54,6 @@ class Kinematics:
         origins_m: Origin of each joint's frame in the frame before it; shape (n, 3).
         frames: Axes of each joint's frame in the frame before it at angle 0, as columns; shape (n, 3, 3).
         axes: Direction of each joint's axis in its own frame, of length 1; shape (n, 3).
-        tip: The tip.
     """
 
     origins_m: Real
@@ -198,7 +197,6 @@ class Kinematics:
             near: Angles to begin with; shape (..., n).
             position_m: Wanted positions of the tip; shape (..., 3).
             frame: Wanted axes of the tip; shape (..., 3, 3); None if they are free.
-            rounds: Most rounds.
 
         Returns:
             The angles, shape (..., n), and the remaining error: in m and, of the axes, in rad, shape (..., 3) or (..., 6).

@@ -76,7 +76,6 @@ class StraightLine:
     Attributes:
         near: Joint angles near the start, which select the arm's configuration; shape (n,).
         end: Pose at the end; its axes are free if the start's are.
-        move: The speed along the line.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
     """

@@ -35,7 +35,6 @@ class UrdfChain:
     """The arm of a URDF file.
 
     Attributes:
-        links: Its links, from the base on.
         tip: The frame of the tip in that of the last link: rotation, shape (3, 3), and origin, shape (3,).
         reductions: Reduction ratio of each axis for which the file has a transmission.
     """

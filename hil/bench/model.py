@@ -160,7 +160,6 @@ class OrderNumber(NamedTuple):
         name: Name in the model file: `a2_arcsec`.
         letter: `A` or `φ`.
         unit: `arcsec` or `°`.
-        error: Standard error; None if it is not known.
     """
 
     name: str

@@ -55,7 +55,6 @@ class HeldAxis(Run):
     """One axis that follows given set-points, supervised as in a run.
 
     Attributes:
-        stopped: Reason why it was stopped, or None.
         is_masters_fault: True if the reason lies in the master: it was late.
     """
 

@@ -36,7 +36,6 @@ class Ratio:
 
     Attributes:
         value: The ratio; its sign is the direction.
-        error: Its standard error.
     """
 
     value: float

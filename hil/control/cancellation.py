@@ -126,8 +126,6 @@ class CancellationLaw:
         An axis whose table is None gets no additions.
 
         Args:
-            tables: Table of each axis.
-            period_s: Sampling time.
             torque_steps_nm: Step to which each axis' torque offset is rounded; 0: it is not rounded.
             speed_lowpass_hz: Corner of the low-pass that gives the motor speed.
             fade_rev: Motor revolutions in which the first addition is forgotten.
@@ -199,7 +197,6 @@ class CancellationLaw:
         What it mixes with is multiplied accordingly.
 
         Args:
-            row: Row of the axis.
             by_order: Factor of each order; 1 where it is not given.
         """
         orders, phases, net, size = self._turns[row]
@@ -218,7 +215,6 @@ class CancellationLaw:
         They are in the order of the axes.
 
         Args:
-            angles_rad: Measured motor angles.
             torques_nm: Measured motor torques; None: 0.
         """
         values = self._values

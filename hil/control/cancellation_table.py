@@ -34,10 +34,7 @@ class WaveLabel:
     """One sine of a table.
 
     Attributes:
-        order: Its order k.
-        phase_rad: Its phase φ.
         degree: 1 for an order of the error itself; for a mixed wave the number of amplitudes that it grows with.
-        sources: Orders of the error from which it comes.
     """
 
     order: float
@@ -51,9 +48,6 @@ class WaveLabel:
         φ = Σ n_k φ_k + …, size ~ Π A_k^m_k.
 
         A mixed wave is a product of amplitudes, some of them conjugate: as many as its degree, and its order is their sum.
-
-        Args:
-            orders: The error's own orders.
         """
         own = [order for order in orders if order in self.sources]
         found: tuple[int, ...] | None = None
@@ -195,11 +189,9 @@ class CancellationTable:
         neither can do is left out.
 
         Args:
-            limit_rps: Speed limit of the set-points.
             up_to_rps: Highest motor speed of the motion.
             kept_hz: Frequency k f_m up to which a wave is not left out; above it the lowest orders come first.
             by_torque: The table that does the same by the torque offset alone; None if there is none.
-            torque_nm: Largest torque offset.
         """
         frequency, own, fast = self._largest_speeds(up_to_rps)
         kept = np.clip((FADED_OVER_KEPT - frequency / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)

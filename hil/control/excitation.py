@@ -24,7 +24,6 @@ class Excitation:
 
     Attributes:
         wave: The samples of one period; shape (n,).
-        sample_s: Time between two samples.
         lines: Excited bins of the discrete Fourier transform; bin k is at k/period; shape (m,).
     """
 
@@ -59,12 +58,6 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
 
     Both ends are included; all bins are below half the sampling rate.
 
-    Args:
-        low_hz: Lower end of the band.
-        high_hz: Upper end.
-        period_s: Period of the signal.
-        sample_s: Time between two samples.
-
     Raises:
         ValueError: No bin lies in the band, or its ends are in the wrong order.
     """
@@ -89,8 +82,6 @@ def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Exc
     Args:
         lines: Excited bins; shape (m,).
         amplitude: Relative amplitude of each; shape (m,).
-        count: Samples of a period.
-        sample_s: Time between two samples.
 
     Raises:
         ValueError: Shapes that differ, or a line at or above half the sampling rate.
@@ -133,8 +124,6 @@ def chirp(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitat
     Args:
         lines: Excited bins, contiguous; shape (m,).
         amplitude: Relative amplitude of each; shape (m,).
-        count: Samples of a period.
-        sample_s: Time between two samples.
 
     Raises:
         ValueError: The shapes differ, or a line is at or above half the sampling rate.

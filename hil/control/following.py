@@ -96,7 +96,6 @@ class ArmModel:
         b: Input of the mean of two samples of v̈.
         stiff: a₀, a₁, b₀, b₁ of the resonance itself.
         f_al_hz: Frequency at which it rings most.
-        reduction_ratio: N.
         delay_s: Delay of the acceleration, the sampling's own included.
     """
 
@@ -118,7 +117,6 @@ class Followed(NamedTuple):
     """An order that is followed.
 
     Attributes:
-        order: k.
         phase_rad: φ_k as identified.
         amplitude_rad: A_k as identified, at the arm.
         begin_part: Part of it, |d|, from which on w follows, where that is more than the settings' own.
@@ -138,7 +136,6 @@ class SecondDifference:
     The second difference is (2 sin(ωT/2)/(ωT))² of the second derivative, which is put right at f_al.
 
     Args:
-        lever_m: Lever of the tip.
         f_al_hz: Frequency at which the arm rings most.
         period_s: SYNC period.
     """
@@ -180,11 +177,7 @@ class FollowingLaw:
         """Lay out the arrays.
 
         Args:
-            arms: Arm of each axis.
-            orders: Orders of each axis that are followed.
             band: Section of the band-pass.
-            period_s: SYNC period.
-            settings: Settings; the defaults unless given.
 
         Raises:
             ValueError: There is no axis, or no order.
@@ -246,10 +239,7 @@ class FollowingLaw:
         """Take one sample.
 
         Args:
-            angles_rad: Measured motor angles.
             references_rad: Set-points of the motion alone, whose jolts ring.
-            levers_m: Lever of the tip at each axis.
-            acceleration_m_s2: The tip's acceleration; None if it was not measured.
         """
         samples = self._samples
         samples[0], samples[1], samples[2] = angles_rad, references_rad, levers_m

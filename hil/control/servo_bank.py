@@ -48,9 +48,7 @@ class ServoBank:
         """Let one axis take over without a step in the torque.
 
         Args:
-            row: Index of the axis.
             motor_angle: θ_m in rad.
-            speed_rad_s: The motor's speed.
             torque_nm: The torque that acts now.
         """
         CORE.call.servo_start(self._each[row], motor_angle, speed_rad_s, torque_nm)

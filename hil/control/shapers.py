@@ -123,12 +123,7 @@ class Shaper:
         return Shaper(tuple(a for _, a in pairs), tuple(t for t, _ in pairs))
 
     def remaining(self, frequency_hz: Real | float, damping: float) -> Real:
-        """Remaining vibration V of modes; of the shape of `frequency_hz`.
-
-        Args:
-            frequency_hz: Undamped frequencies.
-            damping: Their damping ratio.
-        """
+        """Remaining vibration V of modes; of the shape of `frequency_hz`."""
         omega = 2.0 * math.pi * np.asarray(frequency_hz, dtype=np.float64)[..., np.newaxis]
         times, weights = np.array(self.times_s), np.array(self.amplitudes)
         waves = weights * np.exp(damping * omega * (times - self.duration_s))

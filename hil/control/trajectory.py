@@ -33,8 +33,6 @@ class ConstantAcceleration:
     Rest, a constant acceleration, a (larger) constant deceleration, rest.
 
     Attributes:
-        acceleration_rps_s: Motor revolutions per second, per second.
-        end_rps: The speed reached.
         deceleration_rps_s: Rate at which the motor is brought to rest, outside the windows of the metrics.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
@@ -84,7 +82,6 @@ class PointToPoint:
     Attributes:
         distance_rev: Motor revolutions from rest to rest, negative backwards.
         speed_rps: The speed that is not exceeded; a short way does not reach it.
-        acceleration_rps_s: Motor revolutions per second, per second.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
     """
@@ -243,7 +240,6 @@ class Line:
     The tip rests before and after.
 
     Attributes:
-        chain: The arm.
         start_m: Tip position (x, z) at the start.
         end_m: Tip position (x, z) at the end.
         move: The speed along the line.

@@ -47,7 +47,6 @@ class Treatment:
         cancels: `set-points`: an addition to the set-points cancels the error; `inside`: the drives do it in their own loops.
         shaper: Input shaper that acts on the set-points; None without one.
         gain_factor: Factor of all three gains.
-        loops: Loops in which it can act.
         needs: Knowledge beside the gains and filters of a bench or robot file. `model`: of the plant and its error, from a
             model file or the bench file; `design`: a design file; `learnt`: a model file of `hil learn`.
         aliases: Former names, still understood on the command line.

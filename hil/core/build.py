@@ -95,7 +95,6 @@ def compile_core(core: Core, command: Sequence[str] | None = None, out: Path | N
     """Compile a core; the file appears whole or not at all.
 
     Args:
-        core: What to compile.
         command: Command of the compiler; None: that of `compiler`.
         out: File to write; None: where the core is looked for.
         options: Further options of the compiler, behind the usual ones.

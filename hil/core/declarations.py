@@ -63,13 +63,7 @@ def declarations(root: Path, header: str) -> tuple[str, dict[str, float]]:
 
 
 def module_text(root: Path, header: str, digest: str) -> str:
-    """Return the source of the module that declares a core to Python.
-
-    Args:
-        root: As of `declarations`.
-        header: As of `declarations`.
-        digest: Digest of the core's sources.
-    """
+    """Return the source of the module that declares a core to Python."""
     import cffi  # noqa: PLC0415 - only those who build need its parser
 
     text, numbers = declarations(root, header)

@@ -30,7 +30,6 @@ class Wave:
     """One sine of a motion, Re(c e^{j k θ_0}).
 
     Attributes:
-        order: k.
         coefficient: c in rad at the motor.
         degree: Number of amplitudes A_k of which c is a product; 1 for an order of the error itself.
         sources: The orders of the error from which it comes.

@@ -67,9 +67,7 @@ class EstimatedMode:
     """Mode of an arm that has several, with the motor held.
 
     Attributes:
-        inertia_kg_m2: Effective inertia about the joint.
         antiresonance_hz: Its frequency, where the motor's response has a dip.
-        damping: Its damping ratio.
         resonance_hz: Peak of the motor's response above it.
         tip_part: Part of the tip's rigid motion that it carries; None without an accelerometer.
     """

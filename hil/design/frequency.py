@@ -277,7 +277,6 @@ def held(a: Real, b: Real, period_s: float) -> tuple[Real, Real]:
     Args:
         a: A; shape (n, n).
         b: B; shape (n, inputs), or (n,) for one input.
-        period_s: The period.
 
     Returns:
         A (n, n) and B (n, inputs) of the steps.

@@ -50,7 +50,6 @@ class Friction:
         viscous_nm_s_rad: Viscous friction b: D_m + D_l/N² and all else that grows with the speed.
         gravity_moment_nm: Moment √(G_c² + G_s²) = m g l, at the arm.
         gravity_phase_deg: Phase q₀, so that the moment is m g l cos(θ_l + q₀).
-        residual_nm: Root mean square of the residual.
         speed_rad_s: Speed of each mean; shape (blocks,).
         arm_angle_rad: Arm angle of each mean, θ_m/N less the torsion under gravity; shape (blocks,).
         torque_nm: Torque of each mean; shape (blocks,).
@@ -83,9 +82,6 @@ def fit_friction(
     The runs need two or more speeds.
 
     Args:
-        stretches: Stretches of constant speed.
-        sync_s: The SYNC period.
-        reduction_ratio: Reduction ratio N.
         stiffness_nm_rad: K_g, as far as it is known, by which the arm hangs below θ_m/N: a hundredth of a radian, on a soft gear,
             puts the gravity moment off by half a per cent.
 

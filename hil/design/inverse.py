@@ -127,7 +127,6 @@ def reference_per_motor_angle(
         frequency_hz: Frequencies above 0; shape (m,).
         actuation: `torque` where an offset gives the motor's torque, so that the law has none to give; otherwise it has.
         speed_rps: Motor speed, for the filters.
-        torque_lag_s: Lag of the current loop.
 
     Raises:
         ValueError: The loop has no K_pp, or neither K_vp nor K_vi.

@@ -41,7 +41,6 @@ class OnTime:
 
     Attributes:
         angle_rad: The angle; late samples are moved by whole counts.
-        count: Number of late samples.
         delay_s: Delay of the one that is off most.
     """
 
@@ -57,7 +56,6 @@ def on_time(angle_rad: Real, period_s: float, resolution_rad: float, order: floa
 
     Args:
         angle_rad: θ_m at each SYNC; shape (n,).
-        period_s: SYNC period.
         resolution_rad: Step of the encoder; 0 for none.
         order: Highest order k of the gear's ripple.
     """

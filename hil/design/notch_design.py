@@ -49,10 +49,7 @@ class RequirementCheck:
     """One requirement with the worst value that was seen.
 
     Attributes:
-        name: The requirement.
         value: Worst value of all plants and speeds.
-        limit: The value that is required.
-        unit: Unit of value and limit.
         is_ceiling: True if the value must be at most the limit; else at least.
         speed_rps: Speed at which it is worst; None if it belongs to no speed.
         member: The plant that gives it.
@@ -93,18 +90,12 @@ class Judge:
     """Judge of filters of one order, for a search.
 
     It computes the parts that the filters share once.
-
-    Attributes:
-        problem: The axis.
-        order: Order k of the filters.
     """
 
     def __init__(self, problem: NotchProblem, order: int, *, reserve: float = 0.01) -> None:
         """Compute the loops without the new filter.
 
         Args:
-            problem: The axis.
-            order: Order k of the filters.
             reserve: Fraction by which the limits are tighter than required, since the verdict looks at more speeds and
                 frequencies.
         """
@@ -224,11 +215,9 @@ class PeakRow:
     """Predicted peaks of the tip on the ramp.
 
     Attributes:
-        order: Order k of the error.
         rising_mm: Tip peak of the nominal plant while the speed rises, as in a constant-acceleration run.
         falling_mm: Tip peak of the nominal plant while the speed falls.
         worst_mm: The larger of both for the worst of all plants.
-        worst_member: Label of that plant.
         other_mm: Largest peak of the nominal plant, up or down, on each of the slower and faster ramps, by their rate in rev/s².
     """
 
@@ -246,9 +235,7 @@ class PostureRow:
 
     Attributes:
         label: The posture, and what the other axes do.
-        sensitivity_peak: Largest M_s.
         speed_rps: Motor speed at which it is.
-        phase_margin_deg: Least phase margin.
         gain_margin_db: Least gain margin; inf where the phase never crosses −180°.
     """
 
@@ -266,10 +253,8 @@ class NotchVerdict:
     It covers every f_al/120, in rev/s, from rest to the speed limit.
 
     Attributes:
-        notches: The filters.
         checks: Every requirement at its worst.
         margins: Margins of the nominal plant, by speed.
-        peaks: Tip peaks, by order.
         postures: Margins on the arm, by posture; empty for an axis by itself.
     """
 

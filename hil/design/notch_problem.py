@@ -41,7 +41,6 @@ class Requirements:
 
     Attributes:
         max_sensitivity: Largest allowed M_s.
-        phase_margin_deg: Least phase margin.
         gain_margin_db: Least gain margin, up and down.
         tip_mm: Limit A_acc, of constraint (5) on the line and of the tip on the ramp.
     """
@@ -79,8 +78,6 @@ class DesignRamp:
         weight: Weight of its peaks in what a search minimises; that of the user's own motion is 1.
         is_own: True for the user's own motion, on which the tip must keep its limit.
         period_s: Sampling time of `reference_rad`.
-        rise_end_s: Time of the end of the rise.
-        fall_begin_s: Time of the beginning of the fall.
         reference_rad: θ_ref; shape (samples,).
     """
 
@@ -101,12 +98,10 @@ class DesignRamp:
         """Lay out a ramp.
 
         Args:
-            rate_rps_s: Rate up and down.
             low_rps: Lowest speed in which the tip is judged.
             limit_rps: Largest speed of the axis, which the turn does not exceed.
             top_rps: Speed to which the rise leads, where the limit allows it.
             f_al_hz: Peak of |G_al|.
-            period_s: Sampling time of the loop.
             weight: Weight of its peaks in a search.
             is_own: True for the user's own motion.
         """
@@ -138,8 +133,6 @@ class SpeedRange:
 
     Attributes:
         order: Order k that meets f_al in it; None between the orders' ranges, where a filter may switch.
-        low_rps: Least speed.
-        high_rps: Largest speed.
     """
 
     order: float | None
@@ -163,8 +156,6 @@ def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: floa
 
     Args:
         windows_rps: Speeds in which each order is judged.
-        low_rps: Lowest speed that is looked at.
-        top_rps: Highest speed that is looked at.
     """
     found = [SpeedRange(order, low, min(high, top_rps)) for order, (low, high) in sorted(windows_rps.items())]
     reached = low_rps
@@ -183,10 +174,7 @@ def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges
     It is 0 if the ramp does not reach the range.
 
     Args:
-        ramp: The ramp.
-        motion: Simulated motion on it.
         displacement_mm: Displacement of the tip; shape (n,).
-        ranges: Ranges of speeds.
 
     Returns:
         Peaks in mm; shape (ranges, 2).
@@ -203,8 +191,6 @@ class NotchProblem:
 
     Attributes:
         members: The plants; the nominal one first.
-        cascade: The gains.
-        period_s: Sampling time of the loop.
         delay_samples: Whole samples between measurement and torque.
         lever_m: L, from the arm's axis to the tip.
         speed_limit_rps: Highest motor speed at which margins are required.
@@ -212,7 +198,6 @@ class NotchProblem:
         ramps: Ramps on which a filter is judged; the user's own motion first.
         ranges: Ranges of speeds in which the tip is looked at: one for each order that the error has and the axis reaches.
         displacement_mm: Metric of the tip's motion.
-        requirements: Requirements that a filter must meet.
         fixed: Filters of other orders, which stay as they are.
         friction_nm: Friction against the turning motor.
         gravity_nm: Gravity at the motor, which acts against it or helps it.
@@ -304,8 +289,6 @@ class Rise:
 
     Attributes:
         order: Order k in whose speeds the tip is looked at; None between them.
-        ratio: The ratio.
-        limit: The largest that is allowed.
     """
 
     order: float | None
@@ -324,7 +307,6 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
     Peaks on the user's own motion are compared case by case. For an order, the largest peak on any ramp is compared as well.
 
     Args:
-        problem: The axis.
         before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
         after_mm: Peaks of the same plant with them; while cases but the first still hold 0, no ratio is above the final one.
     """

@@ -67,8 +67,6 @@ class Effort:
     Attributes:
         population: Filters per generation on the nominal plant.
         generations: Number of generations on the nominal plant.
-        robust_population: Filters per generation on all plants.
-        robust_generations: Number of generations on all plants.
         seed: Equal seeds give equal filters, whatever the number of processes.
     """
 
@@ -132,8 +130,6 @@ class Space:
         No filter of it acts at rest.
 
         Args:
-            problem: The axis.
-            order: Order k of the filter.
             shape: `switched` or `trapezoid`.
             f_al_hz: Peak of |G_al|.
             template: Filter that gives the hysteresis.
@@ -237,7 +233,6 @@ def pooled_verdict(
     """Judge filters as `verdict` does, in a worker if there is one.
 
     Args:
-        problem: The axis.
         notches: All filters that act.
         orders: Orders for which constraint (5) and the tip peak are checked.
         pool: Workers; None judges in this process.
@@ -353,10 +348,7 @@ def search(
 
     Args:
         problem: The axis; its fixed filters act beside the new one.
-        order: Order k of the filter.
-        shapes: Shapes that are tried.
         f_al_hz: Peak of |G_al|, around which the search looks.
-        effort: Size of the search.
         pool: Processes to use, from `workers`.
         given: Filters to start from, among others; the result is at least as good as those of them that meet all requirements.
         template: Filter that gives all parameters that are not searched.

@@ -108,7 +108,6 @@ def order_map(motor_angle_rad: Real, values: Real, period_s: float, orders: Real
     Args:
         motor_angle_rad: θ_m, unwrapped; shape (n,).
         values: The vibration, sampled with it; its mean over a window counts for nothing; shape (n,).
-        period_s: Sampling period.
         orders: Orders k > 0; shape (p,).
         turns: Length of a window in turns of the motor.
 
@@ -142,7 +141,6 @@ def order_track(
     Args:
         motor_angle_rad: θ_m, unwrapped; shape (n,).
         values: The vibration, sampled with it; shape (n,).
-        period_s: Sampling period.
         orders: Orders k > 0, at least one turn's worth apart; shape (p,).
         turns: Length of a window in turns of the motor.
 
@@ -162,7 +160,6 @@ def order_tracks(
     Args:
         motor_angle_rad: θ_m, unwrapped; shape (n,).
         signals: What was sampled with it; one and more of shape (n,).
-        period_s: Sampling period.
         orders: Orders k > 0, at least one turn's worth apart; shape (p,).
         turns: Length of a window in turns of the motor.
 

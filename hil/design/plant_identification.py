@@ -93,7 +93,6 @@ class PlantEstimate:
         response: Motor angle per torque.
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
-        periods: Number of periods that were averaged.
         torsion_rad: Amplitude of a sine at f_a whose torsion of the gear meets the same friction as the excitation; stiffness and
             damping hold for it where the gear has hysteresis.
         unknowns: The fit's own unknowns, from which another may start.
@@ -137,7 +136,6 @@ def fit_plant(
     Args:
         data: Spectra of the main run's periods.
         timing: Sampling times, and the law inside the drive.
-        reduction_ratio: Reduction ratio N.
         lever_m: Tip lever L of the bench file.
         gravity_nm_rad: Slope dM/dθ_l of the gravity moment over the stretch, which acts as a second spring on the arm.
         near: An earlier estimate to start from, besides the fit's own guesses.
@@ -385,7 +383,6 @@ def sine_of_same_friction_rad(plant: TwoInertia, frequency_hz: Real, angle: Comp
     standard deviation σ of ψ'; to a sine of amplitude a it is one of 4 F/(π ω_a a). Both are equal at a = (4/π) √(π/2) σ/ω_a.
 
     Args:
-        plant: The plant.
         frequency_hz: Excited lines; shape (lines,).
         angle: Spectra of the motor angle's periods, amplitudes; shape (periods, lines).
 

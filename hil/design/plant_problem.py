@@ -680,7 +680,6 @@ def slopes_by_terms(plant: TwoInertia, jw: AnyComplex, gravity_nm_rad: float) ->
     """Slopes of the responses by the coefficients of A, B and c.
 
     Args:
-        plant: The plant.
         jw: jω; shape (…).
         gravity_nm_rad: Gravity as in `angle_response`.
 
@@ -718,9 +717,7 @@ def tip_response(
         L s² θ_l/θ_m e^{−jωδ}, gravity as in `angle_response`
 
     Args:
-        plant: The plant.
         frequency_hz: Frequencies; shape (m,).
-        lever_m: Tip lever L.
         delay_s: Delay δ of the accelerometer.
         gravity_nm_rad: Spring constant k, dM/dθ_l of the gravity moment.
     """

@@ -69,7 +69,6 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
 
     Args:
         stretches: Stretches of whole periods.
-        samples: Number of samples per period.
         lines: Excited bins; shape (m,).
         sync_s: Time between two samples.
 

@@ -42,9 +42,6 @@ def balanced_signs(settings: int) -> Real:
 
     If there are as many settings as runs, the last one is high in all of them; repeated runs at the level show its effect.
 
-    Args:
-        settings: Number of settings.
-
     Raises:
         ValueError: There is none, or more than `MOST_SETTINGS`.
     """

@@ -83,7 +83,6 @@ def follow(
 
     Args:
         loop: Plant, gains, filters, sampling time, delay.
-        error: Transmission error θ_sync.
         reference_rad: θ_ref at every period of the loop; shape (samples,). It starts at rest.
         sample_s: Time between two samples of the result, rounded to whole periods.
         load_nm: Friction and gravity against the motor, constant on a ramp. To a filter that follows the speed they matter: while

@@ -89,7 +89,6 @@ class Ramp:
         reference_rad: Set-points, which say when the ramp begins; shape (n,).
         tip_m_s2: Vertical acceleration of the tip; shape (n,).
         torque_nm: Torque of the motor; shape (n,).
-        period_s: Sampling period.
     """
 
     motor_angle_rad: Real
@@ -106,9 +105,7 @@ class Ringing:
     Attributes:
         peak_hz: Peak of the answer's acceleration, f_al.
         standard_error_hz: Its standard error, that of the model for the loop included.
-        damping: Damping ratio ζ.
         orders: Orders that show it, the clearest first.
-        explained_fraction: Fraction of the vibration that it explains.
     """
 
     peak_hz: float
@@ -138,7 +135,6 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
     """Resonance of the arm that a ramp shows.
 
     Args:
-        ramp: The recording.
         orders: Orders k that may shake the arm.
 
     Raises:
@@ -243,7 +239,6 @@ class _RampModel:
         The resonance has to explain more than orders whose amplitudes change linearly.
 
         Args:
-            tip: The tip's resonance.
             speed_rps: Speed at which the clearest order meets it.
         """
         low, high = (factor * speed_rps for factor in TORQUE_SPEEDS)

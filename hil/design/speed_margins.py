@@ -23,7 +23,6 @@ class SpeedMargins:
 
     Attributes:
         speeds_rps: Motor speeds; shape (speeds,).
-        sensitivity_peak: Peak M_s of the sensitivity.
         gain_margin_db: Gain margin, up or down; inf where the phase never crosses −180°.
         phase_margin_deg: Phase margin, up or down; 180 where |L| never crosses 1.
         turns: Turns of 1 + L round 0 against the loop without filters: not 0 where a filter, whose own poles are stable, has
@@ -97,7 +96,6 @@ def looked_at_hz(dips_hz: Sequence[float], period_s: float, step: float, high_hz
 
     Args:
         dips_hz: Resonances of the plants with the motor held; the first gives the step.
-        period_s: Sampling time of the loops.
         step: Step in units of the first.
         high_hz: Frequency up to which it is fine at most.
     """
@@ -118,7 +116,6 @@ class LoopFamily(OpenLoops):
         """Compute the open loops.
 
         Args:
-            loops: Loops, one per plant.
             step: Frequency step in the band of the filters in units of f_a; 1/320 gives M_s to 0.005, the phase margin to 0.5°.
 
         Raises:

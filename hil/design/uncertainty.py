@@ -28,8 +28,6 @@ class Member:
 
     Attributes:
         label: Its difference in words; `nominal` for that one.
-        plant: The axis.
-        error: Its transmission error.
         factors: Factors of the values that set it apart from the nominal one, by symbol.
     """
 
@@ -54,11 +52,8 @@ def around(
     The corners have a gear damping and amplitudes two standard errors to the worse side.
 
     Args:
-        plant: The nominal plant.
-        error: The nominal error.
         percent: Uncertainty of K_g and J_l; it wins over the standard errors where both are given. 0: only the nominal plant.
         standard_error: Standard errors by the names of `TwoInertia`, and `antiresonance_hz`.
-        amplitude_error_arcsec: Standard errors of A_k.
 
     Raises:
         ValueError: The percentage is not within 0 … 50, or above 0 and below `LEAST_SPREAD`.

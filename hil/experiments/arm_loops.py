@@ -60,10 +60,8 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
 
     Args:
         bench: The bench, with the models of its axes.
-        axis: Axis number.
         law: Gains, sampling time and delay of its loop; its plant does not count.
         members: Plants that the axis by itself might have; their spread is the uncertainty of the arm's frequencies.
-        identified: The model file, if there is one.
     """
     if bench.arm is None:
         return KnownLoops(None)
@@ -115,7 +113,6 @@ class _Masses:
     The masses are those of the links' bodies, or identified ones.
 
     Attributes:
-        arm: The arm.
         joints: Motor and gear of each axis; None if the joint counts as rigid.
         known: Masses that were identified; None for the bodies of the arm's links.
     """

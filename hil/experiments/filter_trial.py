@@ -86,11 +86,8 @@ def try_filters(
     Each round runs the motion without the filters and with them.
 
     Args:
-        bench: The bench file.
-        scale: Scale of the axes that move.
         runs: For each angle at which the motion starts, what runs it, with the filters or without.
         orders: Orders that the gear of a single axis is known to have, beside those of the scale.
-        reporter: Listener of each run.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.

@@ -287,8 +287,6 @@ def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | 
     It comes from f_al, or from the identified resonance of the arm on its gear.
 
     Args:
-        bench: The bench file.
-        axes: Axes that move.
         identified: Model file of a cancellation; None: the bench file's model holds.
 
     Raises:

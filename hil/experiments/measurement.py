@@ -78,12 +78,9 @@ class Measurement(Generic[R]):
         """Keep the bench and the directory; nothing is opened yet.
 
         Args:
-            bench: The bench file.
             out: Directory of the files; made where it is missing.
             make_result: Maker of the result as it is before anything has been measured.
             channel: The bus; opened from the bench file's address, and closed, unless it is given.
-            reporter: Listener of progress.
-            file_name: Name of the result's file.
         """
         self._bench, self._out, self._make_result, self._file_name = bench, out, make_result, file_name
         self._given, self._reporter = channel, reporter
@@ -169,7 +166,6 @@ class Measurement(Generic[R]):
         The bus must carry the motions of `demands`.
 
         Args:
-            demands: Demands of the motions to come.
             overload: Do not check the demands.
             reset_faults: Reset drives that are in fault before anything else.
 
@@ -227,9 +223,6 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
     Nothing is sent.
 
     Args:
-        bench: The bench file.
-        channel: The bus.
-        demands: Demands of the motions.
         overload: Do not check whether the frames fit.
 
     Returns:

@@ -52,9 +52,6 @@ class NotchDesignOutcome:
 
     Attributes:
         bench: Bench file as it was used, with the identified model.
-        source: Source of the plant, in words.
-        request: Request of the design.
-        problem: Problem that was solved.
         f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
@@ -119,10 +116,8 @@ def design(
     If no filter meets all requirements, the outcome names those that the closest misses.
 
     Args:
-        bench: The bench file.
         request: Axis, orders, shapes and requirements.
         identified: A model file, which takes precedence over the bench file's model.
-        reporter: Listener of the progress.
 
     Raises:
         NotPossibleError: The bench lacks something that a design needs.

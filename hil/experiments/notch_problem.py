@@ -42,10 +42,6 @@ class TipDisplacement:
     """Tip displacement of a simulated run.
 
     The metric is that of measured runs (`hil.analysis`).
-
-    Attributes:
-        lever_m: Distance from the arm's axis to the tip.
-        scale: Scale of the axis.
     """
 
     lever_m: float
@@ -61,14 +57,11 @@ class NotchDesignRequest:
     """Request of a notch design.
 
     Attributes:
-        axis: Axis number.
         orders: Orders k, in the order in which their filters are designed.
-        shapes: Shapes that are tried.
         requirements: Margins and tip peak; None for the defaults with the bench file's specification.
         uncertainty_percent: Uncertainty of K_g and J_l; None for the model file's standard errors, or 5 %.
         period_s: Sampling time of the loop; None for the drive family's, or 250 µs.
         delay_samples: Whole samples between measurement and torque.
-        effort: Evaluations and seed of the search.
         jobs: Number of processes; 0 for this one alone.
         is_given: True to judge the bench file's own filters only.
     """

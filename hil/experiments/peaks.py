@@ -90,7 +90,6 @@ class Windows:
         Args:
             recording: One recording of it.
             read: Rows that are read; shape (n,).
-            scale: Scale of its axes.
         """
         to_mm, band_hz = 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2, scale.band_hz[1] - scale.band_hz[0]
         passed = min(1.0, 2.0 * recording.period_s * band_hz)

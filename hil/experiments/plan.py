@@ -46,7 +46,6 @@ class Experiment:
     Attributes:
         name: `constant-acceleration`, `line-motion` or `point-to-point`.
         axis: The axis that moves alone; None for the line motion.
-        treatment: Treatment of the vibration.
         loop: Side that closes the loop, the drive or the host.
     """
 
@@ -151,8 +150,6 @@ def entries(
     There is one per order's window, or one for the line motion.
 
     Args:
-        bench: The bench file.
-        experiment: Experiment of the run.
         result: Result of the run; of several runs their mean.
         recording: Path of the recording, from the result's directory.
         trial: End of the trial before the run.
@@ -326,7 +323,6 @@ def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComp
 
     Args:
         bench: The bench file of the paper's robot.
-        runs: Entries of the runs.
         pairs: Comparisons of the runs.
     """
     return [*_design_claims(bench), *_measured_claims(bench, runs), *_line_claims(pairs)]

@@ -38,8 +38,6 @@ def position_before(bench: Bench, axis: int, folder: Path = Path()) -> PositionB
     """Find the position of an axis before its last motion on this bus.
 
     Args:
-        bench: The bench file.
-        axis: Number of the axis.
         folder: Folder in which the commands were given.
 
     Raises:

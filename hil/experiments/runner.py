@@ -108,8 +108,6 @@ def run_experiments(
     Once a run has been recorded, its files and `result.json` are written, also after a failure.
 
     Args:
-        bench: The bench file.
-        experiments: Experiments in their order.
         out: Directory of the files; made where it is missing.
         is_paper: Check all claims of the paper, tables included; only for the robot of the paper.
         reset_faults: Reset drives that are in fault before anything else.
@@ -210,8 +208,6 @@ class _ExperimentRuns:
 
     Attributes:
         results: Results of the runs; where one was stopped, that one alone.
-        trial: End of the trial.
-        cancelled: Orders that are cancelled in the runs.
         count: Number of runs that were begun.
     """
 

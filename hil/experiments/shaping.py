@@ -50,9 +50,7 @@ class FittedShaper:
     """Shaper that is fitted to a robot.
 
     Attributes:
-        name: Its name.
         modes: Modes that it is for, the first one's impulses first.
-        shaper: Its impulses.
         left: Modes that it leaves alone, beyond what EI allows.
     """
 
@@ -94,9 +92,7 @@ def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identifie
     The modes count from the lowest; a shaper for a lower one may remove a higher one too.
 
     Args:
-        name: Name of the shaper.
         bench: The bench file, with identified models where there are any.
-        axes: Axes that move.
         identified: Model file, for an arm that rings with several modes.
 
     Raises:
@@ -127,8 +123,6 @@ def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identifi
 
     Args:
         bench: The bench file, with identified models where there are any.
-        name: Name of the treatment.
-        axes: Axes that move.
         identified: Model file, for an arm that rings with several modes.
 
     Raises:
@@ -145,8 +139,6 @@ def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identifie
 
     Args:
         bench: The bench file, with identified models where there are any.
-        name: Name of the treatment.
-        motion: The motion without it.
         identified: Model file, for an arm that rings with several modes.
 
     Raises:

@@ -132,9 +132,6 @@ def treatment_setup(bench: Bench, name: TreatmentName, knowledge: Knowledge, per
     """Set-up of a treatment: the bench file and the switches.
 
     Args:
-        bench: The bench file.
-        name: Name of the treatment.
-        knowledge: Knowledge beside the bench file.
         period_s: Sampling time of the loop, for filters that are computed here.
         loop: Side that closes the loop, the drive or the host.
 

@@ -43,9 +43,7 @@ class JudgedWindow:
     """One window of a run.
 
     Attributes:
-        metrics: Its metrics; None if there are none.
         is_within: True within the specification; None if it was not judged.
-        invalid: Reason why it was not judged.
     """
 
     metrics: Metrics | None = None
@@ -61,9 +59,7 @@ def judged_windows(
     A window that cannot be judged has the reason, and is never within the limits.
 
     Args:
-        bench: The bench file.
         axis: Axis of a ramp, None for the line motion.
-        result: Result of the run.
         orders: Orders of the windows, None for the line motion.
         found: Scale of the axes that moved.
     """
@@ -104,13 +100,6 @@ def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, r
     """Judge a stop by the ringing of the tip.
 
     The ringing is the tip's displacement from the instant at which the set-points stop.
-
-    Args:
-        bench: The bench file.
-        axis: The axis that has moved.
-        result: Result of the run.
-        found: Scale of the axis.
-        rates: Rates of its closed loop.
     """
     if result.stopped is not None:
         return JudgedStop(JudgedWindow())
@@ -256,13 +245,7 @@ def _one_direction(bench: Bench, recording: Recording, order: int | None, found:
 
 @dataclass(frozen=True)
 class _RampTip:
-    """Noise and orders of the tip on a ramp, for all its windows.
-
-    Attributes:
-        recording: The ramp.
-        axis: Axis that moved.
-        scale: Its scale.
-    """
+    """Noise and orders of the tip on a ramp, for all its windows."""
 
     recording: Recording
     axis: int

@@ -30,7 +30,6 @@ class Known:
 
     Attributes:
         bench: Bench file; None: that of the result in the log's folder.
-        descriptions: Device descriptions by node-ID.
         interface: Interface of a log of several; None: that of the first frame.
         run: Name of the recording in a directory of several; None if there is one.
     """

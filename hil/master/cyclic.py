@@ -59,21 +59,14 @@ class Slot:
 
     Args:
         axis: The axis, whose units are known.
-        records: The records of all axes.
-        row: Index of its own.
         mode: Mode in which the drive takes its set-points.
 
     Attributes:
-        data: Its record.
-        control_word: Control word for the next cycle.
         target: Set-point for the next cycle: counts (CSP) or per mille of the rated torque (CST).
         torque_offset: Torque offset for the next cycle, if the exchange has it: per mille of the rated torque.
-        status_word: Last status word.
-        position_counts: Last position, in counts.
         torque_per_mille: Last torque, in per mille of the rated torque.
         notch_hz: Zero frequency of the first filter, 0 while it is out.
         missing: Cycles in a row without an answer.
-        command_id: Identifier of its RPDO.
         feedback_id: Identifier of the TPDO that brings status word, position and torque.
         notch_id: Identifier of the TPDO that brings the filter's state; 0 if the drive does not send it.
     """
@@ -120,7 +113,6 @@ class CyclicExchange:
         slots: Process data, one slot per axis that takes part, in their order.
         encoders: Second encoders of the axes that take part, in their order, then those of watched axes.
         watched: Axes that do not move, and whose second encoders are recorded.
-        sensor: The accelerometer.
         with_torque_offset: True if a torque offset is sent beside each position set-point.
         with_notch_state: True if the drives send the state of their first filter.
         missing_answers: Answers that did not come in the last cycle.
@@ -155,10 +147,6 @@ class CyclicExchange:
         """Prepare a run; `configure` writes it to the nodes.
 
         Args:
-            network: The bus.
-            axes: The axes that take part.
-            sensor: The accelerometer.
-            period_s: SYNC period.
             loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.

@@ -232,11 +232,6 @@ class Network:
         """Download an object, once: a write is never repeated blindly.
 
         Args:
-            node: Node-ID of the node.
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            data: New content.
-            name: Name of the object, for messages.
             value: New value for messages, instead of the bytes.
 
         Raises:

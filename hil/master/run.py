@@ -53,16 +53,13 @@ class Run:
     """One run while it lasts: the cycles from enabling to disabled.
 
     Attributes:
-        motion: The motion.
-        axes: The axes, in the order of its columns.
+        axes: The axes, in the order of the motion's columns.
         exchange: PDOs of the axes and the sensor.
         bench: Bench file, for waiting times and counts of missing answers.
         supervisor: Supervisor that sends the heartbeat, and knows the reasons to stop that no PDO contains.
-        starts: Start of each axis, in rad at the motor.
         bank: The loops that the host closes; None if the drives close them.
         adder: Additions to the set-points of a drive-closed run.
         progress: Called with the fraction of the motion that is done.
-        table: Rows that are recorded.
         missed: Cycles of the motion in which an answer did not come.
         sensor_missed: Cycles of the motion without a measurement of the tip.
         dropped: Cycles of the motion whose set-points were not sent in time.

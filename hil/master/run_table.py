@@ -21,7 +21,6 @@ class RunTable:
 
     Args:
         time_s: Time of each row of the whole motion; shape (n,).
-        axes: Number of axes.
         encoders: Number of second encoders.
 
     Attributes:
@@ -40,7 +39,6 @@ class RunTable:
         """The rows that are kept, as columns.
 
         Args:
-            axes: Numbers of the axes.
             with_notch: True if the drives send notch frequencies; else these have no columns.
             encoders: Numbers of the axes whose second encoders were kept.
         """

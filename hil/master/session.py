@@ -159,9 +159,7 @@ class Session:
     At its end it restores the handlers of Ctrl-C.
 
     Args:
-        bench: The bench file.
         channel: The bus; the session does not close it.
-        log: Log of every frame.
         progress: Called with the fraction of the present motion that is done.
         clock: Clock of runs in wall-clock time; the monotonic clock unless it is given.
 
@@ -347,9 +345,7 @@ class Session:
         Set up, enable, settle, move and record, return, disable, restore.
 
         Args:
-            motion: Motion of the axes.
             filters: Filters that act: the drives' or, host-closed, the host's; or none.
-            loop: Place of the loop, drive or host.
             adder: Additions to the set-points of a drive-closed run.
             fixed: Fixed filters by axis, instead of the variable ones; host-closed only.
             shows_filter: Let the drives send the state of their first filter in a second TPDO; without it the recording has no
@@ -441,8 +437,6 @@ class Session:
         """Prepare the exchange with these axes and the sensor; nothing is sent.
 
         Args:
-            axes: The axes that take part.
-            period_s: SYNC period.
             loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
@@ -468,8 +462,6 @@ class Session:
 
         Args:
             context: Context that restores all of it; failures are noted in `not_restored`.
-            axes: The axes that take part.
-            exchange: PDOs of the axes and the sensor.
             with_notch: True if the drives' filters act.
 
         Returns:

@@ -34,9 +34,6 @@ def way_out(axis: int, stands_rev: float, limits: "Limits", low_rev: float, high
     From there the motion remains within the position limits.
 
     Args:
-        axis: Number of the axis.
-        stands_rev: Position of its motor.
-        limits: Its limits.
         low_rev: Lowest position of the motion, counted from its start.
         high_rev: Highest position of the motion, counted from its start.
     """
@@ -102,8 +99,6 @@ class LastPositions:
 
     Attributes:
         words: Each axis with its position, in words; empty before the first session.
-        have_moved: True if a motion was begun.
-        are_disabled: True if every drive has confirmed that it is disabled.
     """
 
     words: ClassVar[tuple[str, ...]] = ()

@@ -33,9 +33,6 @@ class RunCondition:
     """Conditions of a run; None if one is not known.
 
     Attributes:
-        temperature_c: Temperature.
-        load_kg: Load.
-        top_rps: Highest motor speed.
         direction: +1 forwards, −1 backwards, 0 both together.
         joint_deg: Middle of the joint's way.
         is_torque: True if it was read from the motor's torque, which a wrong inertia biases.

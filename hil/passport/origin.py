@@ -70,10 +70,7 @@ class Conditions:
     """An amplitude of an order with its conditions.
 
     Attributes:
-        a_arcsec: Amplitude.
-        load_kg: Load; None if it is not known.
         direction: Direction of the motor; None for both.
-        seen_by: Signal from which it was identified.
         over_largest: Its fraction of the run's largest amplitude.
     """
 

@@ -63,11 +63,7 @@ class OrderLine:
     """One order of a run.
 
     Attributes:
-        order: Order k.
-        a_arcsec: Amplitude A_k.
         a_error_arcsec: Its standard error; 0 if it is not known.
-        phi_deg: Phase φ_k.
-        phi_error_deg: Its standard error, likewise.
     """
 
     order: float
@@ -82,9 +78,7 @@ class OrderSides:
     """One order of a run, in either direction alone.
 
     Attributes:
-        a_forward_arcsec: Amplitude in the motion forwards.
-        a_backward_arcsec: Amplitude in the motion backwards.
-        a_sigmas: Their difference over its standard error, not below 0.
+        a_sigmas: Difference of both amplitudes over its standard error, not below 0.
         phi_turn_deg: Phase forwards less the phase backwards, −180° … 180°.
         phi_sigmas: Its size over its standard error.
     """
@@ -102,21 +96,12 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        robot: Name of the bench.
-        measured_utc: Date of the measurement, ISO 8601.
-        learnt_by: Source of the values, as in the model file.
         temperature_c: Temperature in the note.
         load_kg: Load in the note.
         direction: `forward` or `backward`; None for both together.
-        top_rps: Highest motor speed.
         joint_low_deg: Lower end of the joint's way; None if it is not known.
-        joint_high_deg: Its upper end.
         pole_pairs: Pole pairs of the motor, from the bench file.
-        slots: Its slots.
         seen_by: `motion` if the motor's own motion was measured and removed, `torque` for its torque.
-        emulated: True if it was measured on an emulated robot.
-        source: Path from which it was read.
-        lines: Orders.
         sides: Orders in either direction alone, those too that are not lines.
     """
 

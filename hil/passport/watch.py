@@ -26,9 +26,7 @@ class Trend:
     """One order of one gear over its dates.
 
     Attributes:
-        robot: Name of the bench.
         values: Amplitudes in arcsec, or phases in degrees, unwound.
-        errors: Their standard errors.
     """
 
     robot: str

@@ -38,9 +38,6 @@ class Said:
 
     Attributes:
         column: Names of columns by their role.
-        unit: Units by the role.
-        reduction_ratio: Reduction ratio; None if it is not known.
-        robot: Name of the robot; None likewise.
         description: What decodes frames of a bus; None for other formats.
         node_id: Node-ID of the drive that has sent them.
     """
@@ -58,9 +55,6 @@ class Column:
     """A column of a recording.
 
     Attributes:
-        role: Meaning.
-        name: Name in the file.
-        unit: Unit.
         is_guessed: True if name or unit follows from the known names.
     """
 

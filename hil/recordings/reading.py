@@ -21,10 +21,7 @@ class Recorded:
     """One recording of one axis.
 
     Attributes:
-        path: The file.
-        column: Columns by their role.
         value: Numbers by role, in s, rad, m/s² and N·m; all of shape (n,).
-        notes: Sentences on changes to them.
     """
 
     path: Path

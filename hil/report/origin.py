@@ -19,7 +19,6 @@ class Origin:
     Attributes:
         word: Word for a number that was not computed: `measured`, `emulated` or `partly emulated`.
         band: Sentence on top of the page; empty for a real robot.
-        is_emulated: True if any part was emulated.
     """
 
     word: str = "measured"

@@ -159,7 +159,6 @@ class Drawing:
     Attributes:
         paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
-        caption: Sentences below the figure.
         picture: The picture, or its SVG element alone.
     """
 

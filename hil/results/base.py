@@ -72,11 +72,8 @@ class MadeRun(ResultPart):
     """A run as it was made.
 
     Attributes:
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles that lack an answer.
         wall_s: Duration of the whole run on the wall clock.
         recording: Path of the CSV file, from the result's directory.
-        stopped: Reason why the run was stopped.
     """
 
     cycles: int
@@ -166,7 +163,6 @@ class MeasuredResult(Result):
     """Base of the results of a measurement on one bench.
 
     Attributes:
-        stopped: Reason why the measurement was stopped.
         causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be restored in the nodes.

@@ -107,7 +107,6 @@ class NotchDesignResult(Result):
 
     Attributes:
         orders: Orders k, in the order in which their filters were designed.
-        period_s: Sampling time of the loop.
         speed_limit_rps: Largest motor speed at which the requirements must hold.
         f_al_hz: Peak of |G_al| without a filter.
         requirements: Margins and tip peak to keep.
@@ -115,10 +114,8 @@ class NotchDesignResult(Result):
         feasible: True if a filter meets all requirements.
         reason: Reason why none does.
         usable: True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
-        none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the designed filters; None if only the given ones were judged.
-        effort: Evaluations and seed of the search.
         emulated: True if plant or transmission error were identified on an emulated robot.
         notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """

@@ -78,9 +78,6 @@ class ExcitationPlan(ResultPart):
         excitation: Signal to which it was added: `torque` or `reference`.
         amplitude_nm: Peak of the excitation, as a torque at the motor.
         crest_factor: Peak over root mean square.
-        bias_rps: Motor speed under the excitation.
-        period_s: Period of the excitation.
-        periods: Number of periods that were averaged.
         travel_rev: Ends of the travel, in motor revolutions.
     """
 
@@ -115,13 +112,6 @@ class FrictionCurve(ResultPart):
     """Slow turns, each a mean over a motor revolution.
 
     The arrays are all of shape (n,).
-
-    Attributes:
-        arm_span_deg: Angle through which the arm turned.
-        speed_rad_s: Motor speed.
-        torque_nm: Motor torque.
-        model_nm: Motor torque of the fit.
-        gravity_nm: Gravity's part of the fit.
     """
 
     residual_nm: float
@@ -149,17 +139,14 @@ class PlantResult(MeasuredResult):
 
     Attributes:
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
-        plant: Plant that was fitted.
         parameters: Every number with its standard error, by name.
         modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
         cannot_tell: Sentences on the limits of these data.
         response: Motor angle per torque.
         tip_response: Tip acceleration per motor angle; None without an accelerometer.
-        friction: Friction and gravity of the slow turns.
         identified: Entry of the model file.
         not_identified: Reasons why nothing was identified, a sentence each.
-        remarks: Sentences for the engineer.
         recordings: Paths of the CSV files by name of the run.
     """
 

@@ -33,9 +33,7 @@ class TrueAxis(PlantTable):
     """What a tour reveals of an axis of a robot file; its other keys are the emulator's own.
 
     Attributes:
-        hysteresis_torque_nm: Hysteresis of the gear.
         wind_up_softness: Fraction of the stiffness that is missing near no torsion.
-        current_time_constant_s: Lag of the current loop.
     """
 
     model_config = ConfigDict(extra="ignore")

@@ -86,7 +86,6 @@ class HeardEvent:
     """An event on the bus.
 
     Attributes:
-        time_s: Its time.
         kind: `emcy`, `nmt` for a command of the NMT master, or `gap` for some cycles without SYNC.
         node: Node-ID; 0 for all.
     """
@@ -105,7 +104,6 @@ class SignalRows:
         time_s: Times of their SYNCs; shape (n,).
         values: A column per signal; shape (n, m).
         signals: The signals; they only ever become more, and keep their columns.
-        events: Events since the last rows.
     """
 
     time_s: Real
@@ -128,8 +126,6 @@ class SignalDecoder:
     """Rows of a bus, from its frames.
 
     Args:
-        bench: Bench file, or None.
-        descriptions: Device descriptions by node-ID.
         bitrate: Bit rate in bit/s; None if it is not known, and the load is in kbit/s.
     """
 

@@ -36,7 +36,6 @@ class Scales:
     Attributes:
         rev_per_count: Motor revolutions per unit of position.
         rps_per_count: Motor revolutions per second per unit of speed.
-        nm_per_mille: Torque of one per mille, N·m.
     """
 
     rev_per_count: float | None = None
@@ -95,10 +94,8 @@ class FrameReader:
     """A number in the frames of one identifier.
 
     Attributes:
-        can_id: Identifier.
         least: Bytes that a frame must have.
         key: Signal, or the name of a set-point with its axis.
-        decode: Its values from the frames.
     """
 
     can_id: int
@@ -112,7 +109,6 @@ class FrameReading:
     """All that is read from the frames of a bus.
 
     Attributes:
-        readers: The numbers.
         expected: Node of each identifier that is awaited with every SYNC.
     """
 

@@ -23,8 +23,6 @@ class BusSource:
 
     Attributes:
         is_live: True if rows are still to come.
-        past: The rows.
-        signals: Signals of their columns.
         events: Events, the oldest first.
         ended: Why no more rows come; "" while they do.
     """

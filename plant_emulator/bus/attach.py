@@ -24,7 +24,6 @@ class Attachment:
     processes the waiting frames, before its time passes; see `bus.stalls`.
 
     Attributes:
-        frames: Number of frames received so far.
         time: The wall clock, as the world follows it.
     """
 

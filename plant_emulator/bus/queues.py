@@ -14,7 +14,6 @@ class Queues:
     """All waiting frames and events of one bus.
 
     Attributes:
-        waiting: Ports that have something to send.
         later: Frames and events that are put off, a heap by time and order.
         order: Number of the last thing that was put off.
     """

@@ -48,7 +48,6 @@ class Server:
         """Bind the path and start the nodes.
 
         Args:
-            world: The world behind the bus.
             medium: The medium between world and clients; left out, frames arrive at once and in order.
             path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.

@@ -73,7 +73,6 @@ class DelayedTransition(NamedTuple):
     """A transition that a drive executes only after a delay.
 
     Args:
-        step: Step that it will take.
         word: The last control word that has come; None if it must not act any more.
         due: Time of the step in ns; None before the first look at the clock.
     """

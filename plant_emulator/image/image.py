@@ -46,7 +46,6 @@ class ProcessImage:
     """The process data of all drives and the accelerometer, in C.
 
     Attributes:
-        shared: Its record.
         slaves: The nodes for which it acts: those that listen to SYNC.
         ports: Node-IDs of the senders of the TPDOs, in the order of their identifiers.
         is_in_order: True if a bus sends all TPDOs in the order of their identifiers: these are all different, and those of each
@@ -65,8 +64,6 @@ class ProcessImage:
 
         Args:
             axes: The mechanics, and the drives' process data.
-            accelerometer: The node at the tip.
-            sensor: Its sensor.
             measure: Measurement of the node that the image replaces: by this sensor.
         """
         self.slaves: list[Slave] = []
@@ -174,7 +171,6 @@ class ProcessImage:
         """Process the records of RPDOs and of a SYNC behind them.
 
         Args:
-            message: The records.
             now: The time of SYNC, in ns.
 
         Returns:

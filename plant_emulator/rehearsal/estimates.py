@@ -52,8 +52,6 @@ def quantities_of(
     """Return truth, estimate and standard error by `record.QUANTITIES`.
 
     Args:
-        robot: The robot.
-        number: Number of the axis.
         identified: Model file of the identifications; None without one.
         learnt: Model file of learning; None if nothing was learnt.
         arm_rad: Arm angles at which the plant was identified.

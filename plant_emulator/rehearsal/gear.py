@@ -46,7 +46,6 @@ def gear_plant(axis: RobotAxis, torsion_arcsec: float | None, arm_rad: Real = AL
     """Return the plant that a vibration of the gear meets.
 
     Args:
-        axis: The axis.
         torsion_arcsec: Amplitude of the torsion; None for the robot file's constants.
         arm_rad: Arm angles of the motion; shape (n,).
     """

@@ -35,8 +35,6 @@ class StepsOverBus:
 
     Args:
         bench: The bench file; written into the folder of the path.
-        axis: Number of the axis.
-        files: The files of the path.
         address: The bus on which the robot is served.
     """
 

@@ -47,8 +47,6 @@ class PathOptions:
 
     Attributes:
         over_bus: Go over a bus: a served robot, and the tools as processes.
-        with_design: Design a notch.
-        with_probes: Try wrong corrections.
         with_causes: Look whether the cause that the product names for what it leaves is the true one.
         keeps_files: Keep recordings and results in the folder; otherwise only the model files stay.
     """
@@ -73,8 +71,6 @@ def run_path(
         robot: The robot that is treated, all its truth in it.
         bench: The bench file, which knows nothing of it.
         folder: Directory for what the steps write; created if missing.
-        options: Options; the defaults unless given.
-        reporter: Listener of each step.
 
     Raises:
         KeyboardInterrupt: A signal ended a motion.

@@ -37,7 +37,6 @@ class RunNote(NamedTuple):
     """Outcome of a run that was made.
 
     Attributes:
-        left_out: Orders that a trial has left out.
         causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
         left_mm: The tip's peak in the worst window, as the trial saw it; None without a trial.

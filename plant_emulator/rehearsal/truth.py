@@ -66,7 +66,6 @@ def tip_by_order_mm(
 
     Args:
         recording: Recording on a quiet sensor.
-        axis: Number of the axis.
         f_al_hz: The robot's own.
         speed_rps: Motor speed of the same motion with perfect gears, the same rows for all treatments: what a cancellation adds
             to the speed would let a window begin half a swing of the motion's own jolt earlier. The recording's own unless given.

@@ -102,7 +102,6 @@ def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, B
 
     Args:
         causes: Names of the causes, of `hil.results.runs.RemainderCause`.
-        end: End of the path.
         rerun: Tip with which the path ends on another robot.
     """
     robot, bench, axis, model, left_out = end.robot, end.bench, end.axis, end.model, end.left_out

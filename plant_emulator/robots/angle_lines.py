@@ -63,7 +63,6 @@ def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[Cogg
     Args:
         eccentricity: Orders of the joint.
         cogging: Orders of the motor's torque.
-        torque_limit_nm: The most that the motor has.
 
     Raises:
         ValueError: The message names the order, or the torques.
@@ -85,7 +84,6 @@ def write_lines(
     Args:
         eccentricity: Orders of the joint.
         cogging: Orders of the motor's torque.
-        reduction_ratio: N.
         row: The record, changed in place.
     """
     row["is_eccentric"], row["is_cogging"] = float(bool(eccentricity)), float(bool(cogging))

@@ -43,7 +43,6 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
     Gains are those of an integrator: the velocity loop from the rotor's inertia, K_pp from the resonance of the arm.
 
     Args:
-        robot: The robot.
         address: The bus; the robot's bit rate is added if its file states one.
         drawing: The arm as in the robot's own file if that names a URDF file, which the bench file names as well.
     """

@@ -74,7 +74,6 @@ def draw_drives(
     The arm's joints are axes 1, 2, … from the base on. The robot equals its file; `with_links_read` of it has the links.
 
     Args:
-        urdf: Path of the file.
         folder: Folder from which the path counts.
         home_deg: Joint angles at which the motors are at zero, one each, or none: all 0.
         seed: Seed of all draws, and of the robot's own noise.

@@ -475,9 +475,7 @@ def with_drives(
     """Return a robot with other drives on some axes.
 
     Args:
-        robot: The robot of the file.
         profiles: Profile by axis: a name of the package or a path.
-        eds: Path of the drive's EDS file, by axis.
         store_time_s: Time for which all drives are silent while they store; None: as in the file.
         load_encoder_bits: Bits of a second encoder on every joint; None: as in the file.
 

@@ -17,7 +17,6 @@ class PseudoTerminal:
     The other end is kept open here too, so that one who opens and closes the port finds the same device again, as behind USB.
 
     Attributes:
-        path: Path at which other programs open it.
         dropped: Writes that found no room.
     """
 
@@ -78,7 +77,6 @@ class PseudoTerminal:
         Returns False if there was no room.
 
         Args:
-            data: Bytes to write.
             must: Keep it although the bound is reached; the caller then bounds how often.
         """
         self.flush()

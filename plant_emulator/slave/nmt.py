@@ -65,7 +65,6 @@ class HeartbeatProducer:
 
     Args:
         dictionary: Must have 1017h.
-        clock: Gives the node's time.
         changed: Called when heartbeats may begin or end.
     """
 

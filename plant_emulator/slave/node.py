@@ -57,11 +57,9 @@ class Slave:
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
         store_commands: Entries that store or restore; those that the dictionary does not have are left out.
-        store_time_ns: Duration of storing.
         autostart: The node becomes operational by itself after its boot-up message.
 
     Attributes:
-        store: Store of the values that survive a loss of power.
         emergencies: The active errors, by causes that their owner names; their frames go out with the next ones.
         lss: The LSS slave, with the node-ID that an LSS master has configured.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.

@@ -119,11 +119,8 @@ class Study:
     """Runs of one experiment over many plants.
 
     Attributes:
-        robot: The robot that its file describes.
         axis: The axis of a constant-acceleration run, or None for the line motion.
-        controls: Gains by axis.
         notches: Filters by axis; none for an axis that is left out.
-        spread: Reach of each unknown.
         seed: Equal seeds give equal plants, whatever the number of processes.
         tip_mm: The specification of a constant-acceleration run, and of a line motion without filters.
         area_reduction_percent: The specification of a line motion with filters.

@@ -101,9 +101,7 @@ def simulate(
     Set-points are rounded to counts and gains to single precision, as they are when they cross the bus.
 
     Args:
-        robot: The robot.
         axis: The axis of a constant-acceleration run, or None for the line motion.
-        controls: Gains by axis.
         notches: Filters by axis; none for an axis that is left out.
         sync_period_s: A whole number of control periods.
         settle_s: Rest of the axes before the motion begins.

@@ -89,10 +89,8 @@ class Unknown:
 
     Attributes:
         name: Column of the table of draws; its unit is in the name, a factor has none.
-        key: Key of the spread that holds its reach.
         kind: `factor` (log-uniform about 1), `up_to`, `either` (uniform in both directions), `circle` (any angle, in degrees) or
             `switch` (0 or 1).
-        label: Name for readers.
     """
 
     name: str

@@ -26,10 +26,8 @@ class Influence:
     """Influence of one unknown on the result.
 
     Attributes:
-        label: Name for readers.
         correlation: Spearman's rank correlation; of an angle, unsigned, the multiple one with its cosine and sine.
         low: Lower end of its 95 % interval.
-        high: Upper end.
         p_value: Probability of such a correlation by chance.
         coefficient: Standardised regression coefficient: by how many standard deviations the result moves with one of the
             unknown, all others held; of an angle unsigned. None with too few runs.
@@ -54,7 +52,6 @@ class Summary:
         judged: Every run, by index.
         nominal: The robot of the file.
         meeting: Stable and within the specification.
-        stable: Without a fault.
         faults: Number of runs with each fault.
         percentiles: Percentiles of the results, by percent.
         influences: The unknowns that are open, the strongest first.

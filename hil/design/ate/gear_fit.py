@@ -105,7 +105,6 @@ def priors(weight: Weight, resonance_hz: float) -> dict[str, Prior]:
     falls as 1 − ½ (f/f_c)⁴.
 
     Args:
-        weight: Weight of the arm.
         resonance_hz: A resonance near the arm's own.
     """
     return {
@@ -141,9 +140,6 @@ class GearEstimate:
 
     Attributes:
         mean: Unknowns, `SHARED` first, then A_k cos φ_k and A_k sin φ_k of each order in rad.
-        covariance: Their covariance.
-        orders: Orders k.
-        law: The gear.
         torsion_rad: Largest amplitude of the gear's torsion in the ramps.
         arm: f_a in Hz and ζ of a vibration of that amplitude, as a function of the unknowns.
         postures_hz: Standard deviation of f_a between the arm angles of the ramps.
@@ -201,11 +197,9 @@ class GearFit:
 
     Args:
         sweeps: Ramps in both directions.
-        reduction_ratio: Reduction ratio N.
         sensing: The kind of signal: that of an accelerometer.
         start: An arm near the true one.
         error: A transmission error near the true one.
-        weight: Weight of the arm.
     """
 
     def __init__(
@@ -420,8 +414,6 @@ class GearFit:
         """Rounds of scoring and noise from some unknowns.
 
         Args:
-            p: The unknowns.
-            rounds: Most rounds.
             least_gain: Gain in log-likelihood below which a step or a round is the last.
         """
         left, moved = self._left(p)
@@ -507,8 +499,6 @@ def on_its_gear(
 
     Args:
         estimate: Estimate with a linear arm, from which the fit starts.
-        sweeps: The recordings.
-        reduction_ratio: Reduction ratio N.
         sensing: The kind of signal: that of an accelerometer.
         weight: Weight of the arm; None if it is not known.
     """

@@ -53,10 +53,6 @@ class Setting:
     beginning: z/F, and both parts of the phasor with which the arm rings.
 
     Attributes:
-        reduction_ratio: N.
-        lever_m: Tip lever.
-        orders: Orders k.
-        band_hz: Band of the fit.
         ripple: Ripple of the motor beyond half of the sampling rate.
     """
 
@@ -125,7 +121,6 @@ class Ramp:
     """A recording: its motion, and its spectra in the band, one for each direction.
 
     Args:
-        sweep: The recording.
         setting: What all ramps share.
         begins_at: Place of the first unknown of this ramp's beginning.
         every: One of so many samples is kept.

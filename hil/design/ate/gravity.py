@@ -24,7 +24,6 @@ class Weight:
 
     Attributes:
         values_rad_s2: (g_c, g_s).
-        errors_rad_s2: Their standard errors.
     """
 
     values_rad_s2: tuple[float, float]
@@ -38,7 +37,6 @@ def weight_of(sweeps: Sequence[Sweep], reduction_ratio: float, arm_inertia: tupl
 
     Args:
         sweeps: Recordings with the motor's torque.
-        reduction_ratio: Reduction ratio N.
         arm_inertia: J_l in kg·m² and its standard error; None if it is not known, and is taken from the whole inertia.
 
     Returns:

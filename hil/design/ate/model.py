@@ -43,7 +43,6 @@ class Sweep:
     Attributes:
         motor_angle_rad: θ_m, equally spaced; shape (n,).
         signal: The tip acceleration in m/s², or the motor torque in N·m, sampled with it; shape (n,).
-        period_s: Sampling period.
         direction: +1 where the motor speeds up forwards, −1 backwards, 0 for samples that do not count; shape (n,).
         torque_nm: Torque of the motor beside a tip acceleration, which shows the arm's weight; None if it is not known.
         late: Samples of θ_m that were taken late, and are moved back in time.
@@ -68,7 +67,6 @@ class Sensing:
         motor_inertia_kg_m2: J: 0 for the tip, J_m for the motor torque. Left free it would take A_k 5 % with it, since the
             motor moves as θ_sync makes it; 5 % wrong it changes A_k by 0.3 %.
         delay_from_s: Least delay of the signal behind the motor angle that is searched.
-        delay_to_s: Largest delay that is searched.
     """
 
     gain: float
@@ -85,7 +83,6 @@ class OtherMode:
 
     Attributes:
         resonance_hz: Its frequency, with the motor held.
-        damping: Its damping ratio.
         part: Part of the tip's rigid motion that it carries.
     """
 
@@ -143,12 +140,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a signal, from sensor and encoder rounding behind the arm.
-
-    Attributes:
-        arm: The arm.
-        sensor_variance: Variance of the sensor's white noise.
-    """
+    """Noise of a signal, from sensor and encoder rounding behind the arm."""
 
     arm: Arm
     sensor_variance: float

@@ -87,7 +87,6 @@ class Turning:
     Attributes:
         motor_angle_rad: θ_m, equally spaced; shape (n,).
         torque_nm: Motor torque, sampled with it; shape (n,).
-        period_s: Sampling period.
     """
 
     motor_angle_rad: Real
@@ -153,7 +152,6 @@ def felt_as(loop: Loop, order: float, frequency_hz: Real, way: Real, load_nm: Re
 
     Args:
         loop: Law and motor.
-        order: Order k.
         frequency_hz: Frequency k f_m above 0; shape (n,).
         way: Direction of turning, of which the sign counts; shape (n,).
         load_nm: Torque τ_g of the gear; shape (n,).

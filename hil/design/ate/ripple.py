@@ -42,7 +42,6 @@ class Ripple:
     """Coefficients C of each order that exceeds half of the sampling rate.
 
     Attributes:
-        period_s: Sampling period T.
         waves: C in rad by order, forwards and backwards; shape (2, powers).
     """
 
@@ -57,8 +56,6 @@ class Ripple:
         splines. Recordings with different sampling periods get no ripple.
 
         Args:
-            sweeps: The recordings.
-            orders: Orders of the transmission error.
             resonance_hz: The arm's resonance f_a.
             top_hz: Frequency from which on an image does no harm, at most 1/(2T).
         """

@@ -45,7 +45,6 @@ class ArmCase:
 
     Attributes:
         label: Both in words: `at the end of the line, other motors held`.
-        structure: The arm in the posture.
         own: The motor whose loop is judged.
         others: Axes whose loops are closed; those that are neither here nor the own one have their motors held.
     """
@@ -116,7 +115,6 @@ class ArmFamily:
 
     Attributes:
         law: The loop without filters.
-        cases: The cases.
     """
 
     def __init__(self, law: Loop, cases: Sequence[ArmCase], step: float) -> None:
@@ -145,7 +143,6 @@ class ArmFamily:
 
         Args:
             notches: The own filters.
-            limit_rps: Highest motor speed.
         """
         wide = tuple(widened(notch) for notch in notches)
         inside = [np.linspace(notch.start_rps, min(notch.end_rps, limit_rps), POLE_SPEEDS) for notch in wide]

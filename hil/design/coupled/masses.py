@@ -46,9 +46,7 @@ class FeltMode:
         posture: Number of the posture.
         joint: Row of the joint in the mass matrix.
         frequency_hz: Its dip.
-        frequency_error_hz: Standard error.
         inertia_kg_m2: Its effective inertia about the joint.
-        inertia_error_kg_m2: Standard error.
     """
 
     posture: int
@@ -96,7 +94,6 @@ class MassFit:
         basis: Base parameters in terms of θ, as columns; shape (parameters, base).
         unknowns: β, in units of its size, and ln K; shape (base + n,).
         size: Size of β.
-        covariance: Covariance of the unknowns.
         misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
         residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
         best: Row of the posture of the workspace that would add most information.

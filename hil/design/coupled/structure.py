@@ -29,7 +29,6 @@ def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
 
     Args:
         receptance: R; shape (motors, motors, m).
-        motor: The motor.
         law: C = −τ/θ of it; shape (m,).
     """
     column, row, own = receptance[:, motor], receptance[motor], receptance[motor, motor]

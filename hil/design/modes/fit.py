@@ -56,8 +56,6 @@ def fit_modes(
     Args:
         data: Spectra of the main run's periods.
         timing: Sampling times, and the law inside the drive.
-        reduction_ratio: Reduction ratio N.
-        lever_m: Tip lever L.
         gravity_nm_rad: Slope of the gravity moment.
         single: The plant with one mode, fitted to the same data.
         most: Largest number of modes.
@@ -78,11 +76,9 @@ class _Fit:
     """Completed fit.
 
     Attributes:
-        problem: Its problem.
         x: Its unknowns.
         jacobian: Slopes of the residuals.
         cost: Half the sum of the loss.
-        residuals: Number of residuals.
     """
 
     problem: ModalProblem
@@ -144,7 +140,6 @@ class _Linear:
         columns: The columns; shape (n, columns).
         wanted: What they are to add up to; shape (n,).
         always: Number of the first columns, which are always there.
-        delay_s: Delay with which it was made.
     """
 
     columns: Real
@@ -245,7 +240,6 @@ def resonances_hz(motor_inertia_kg_m2: float, reduction_ratio: float, modes: lis
 
     Args:
         motor_inertia_kg_m2: J_m.
-        reduction_ratio: Reduction ratio N.
         modes: The modes, from the lowest.
     """
     own = np.array([(2.0 * math.pi * mode.frequency_hz) ** 2 for mode in modes])

@@ -53,7 +53,6 @@ class ArmMode:
     Attributes:
         inertia_kg_m2: Effective inertia J_i about the joint.
         frequency_hz: Frequency ω_i/2π, at which the motor's response has a dip.
-        damping: Damping ratio ζ_i.
         tip_part: Part γ_i of the tip's rigid motion that this mode carries; None without an accelerometer.
     """
 
@@ -81,7 +80,6 @@ def modal_angle(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real)
 
     Args:
         motor: The motor; of the rest only the reduction ratio counts.
-        modes: All modes.
         frequency_hz: Frequencies; shape (m,).
     """
     jw = 2j * math.pi * frequency_hz
@@ -97,8 +95,6 @@ def modal_tip(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real, l
         motor: The motor; of it only the reduction ratio counts.
         modes: All modes, with their parts of the tip's motion.
         frequency_hz: Frequencies; shape (m,).
-        lever_m: Tip lever.
-        delay_s: Delay of the accelerometer.
     """
     jw = 2j * math.pi * frequency_hz
     follows = sum((m.tip_part or 0.0) * amplification(m.frequency_hz, m.damping, jw) for m in modes)
@@ -130,7 +126,6 @@ class ModalProblem(PlantProblem):
 
         Args:
             motor: J_m and D_m + D_l/N²; shape (2,).
-            modes: The modes.
         """
         first = modes[0]
         omega = 2.0 * math.pi * first.frequency_hz

@@ -70,7 +70,6 @@ class RingDown:
     Attributes:
         modes: Modes that ring, from the lowest.
         amplitude_mm: Amplitude of the tip with each where the set-points stand still.
-        error_mm: Their standard errors.
         rms_mm: Root mean square of all together, over the time that was looked at.
         time_s: That time.
         rest_m_s2: Root mean square of the acceleration that no pole explains.
@@ -101,8 +100,6 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
 
     Args:
         tip_m_s2: Acceleration of the tip from where the set-points stand still; shape (n,).
-        period_s: Its sampling period.
-        rates: Rates of the closed loop.
 
     Raises:
         ValueError: Nothing rings, or there are too few samples.

@@ -71,7 +71,6 @@ class SectionFit:
     """Fit of one stretch.
 
     Attributes:
-        orders: Orders k.
         unknowns: A cos φ and A sin φ of each in rad; shape (2·orders,).
         covariance: Their covariance; shape (2·orders, 2·orders).
         degree: Degree of the slow part.
@@ -116,8 +115,6 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
     """Fit one stretch.
 
     Args:
-        section: The stretch.
-        orders: Orders of the transmission error.
         repeats: Signals of blocks from which standard errors come; 0 for none.
         degree: Degree of the slow part; None to choose it.
 

@@ -30,7 +30,6 @@ class FixedFrequency:
     """A line at a fixed frequency.
 
     Attributes:
-        hz: Its frequency.
         order: Order at which it stood in the scan.
         amplitude: Amplitude, in the unit of the signal.
     """
@@ -45,7 +44,6 @@ class Cleaned:
     """A stretch without lines of a fixed frequency.
 
     Attributes:
-        section: The stretch.
         signal: The same signal at the samples of its scan.
         lines: Lines that were taken out.
     """
@@ -64,7 +62,6 @@ def without_lines(section: AngleSection, look: OrderColumns, orders: Real, time_
     is one: what rings at the arm's own frequency while an order passes is that order.
 
     Args:
-        section: The stretch.
         look: Waves of its orders.
         orders: Orders of these; shape (orders,).
         time_s: Time of its samples; shape (n,).

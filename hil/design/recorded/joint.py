@@ -24,9 +24,7 @@ class RecordedValue:
     """One order of a transmission error.
 
     Attributes:
-        a_arcsec: Amplitude A_k.
         phi_deg: Phase φ_k, from 0 to 360°.
-        a_error_arcsec: Standard error of A_k.
         phi_error_deg: Standard error of φ_k; 180 at most.
     """
 
@@ -41,7 +39,6 @@ class Change:
     """An order in several stretches against itself.
 
     Attributes:
-        order: Order.
         probability: Probability of the differences, were they noise alone.
         widened: Factor by which the standard errors were widened for them.
         phi_span_deg: Largest difference of two of its phases.
@@ -63,7 +60,6 @@ class JointFit:
     """Mean of several fits, and their differences.
 
     Attributes:
-        values: Values by order.
         changes: An order against itself, by order; empty for one fit.
     """
 
@@ -101,7 +97,6 @@ def joined(fits: Sequence[SectionFit], moves: Sequence[Real] | None = None) -> J
     The errors are widened if the fits differ by more than noise.
 
     Args:
-        fits: The fits.
         moves: Moves of the unknowns of each for every standard error that all have in common; shape (2·orders, errors).
 
     Raises:
@@ -156,10 +151,7 @@ def moves_of(section: AngleSection, moved: Sequence[AngleSection], orders: Seque
     The stretch is the same; shape (2·orders, errors).
 
     Args:
-        section: The stretch.
         moved: The same where one value of the prior is off by its standard error.
-        orders: Orders of the transmission error.
-        degree: Degree of the slow part.
     """
     middle = fit_section(section, orders, repeats=0, degree=degree).unknowns
     return np.column_stack([fit_section(each, orders, repeats=0, degree=degree).unknowns - middle for each in moved])

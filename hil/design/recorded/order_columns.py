@@ -77,9 +77,6 @@ class OrderColumns:
 
         Two plain waves over n revolutions are alike by sinc², whose integral over their distance is 1/n. Through an arm an order
         shows mostly while it rings, so waves of orders further apart are alike; the inverse of the same integral says how far.
-
-        Args:
-            orders: Orders of the scan.
         """
         probed = np.linspace(0, len(orders) - 1, PROBED + 2).round().astype(int)[1:-1]
         waves = self.pairs.reshape(-1, self.pairs.shape[2])
@@ -105,7 +102,6 @@ def columns_of(sections: Sequence[AngleSection], degrees: Sequence[int], orders:
     If memory does not suffice for all, the shorter stretches have None.
 
     Args:
-        sections: The stretches.
         degrees: Degree of the slow part of each.
         orders: Orders of the scan; shape (orders,).
     """

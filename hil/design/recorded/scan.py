@@ -43,8 +43,6 @@ class Peak:
     """Order above the false-alarm level.
 
     Attributes:
-        order: Order.
-        amplitude: Amplitude in rad.
         level: False-alarm level there.
     """
 
@@ -58,7 +56,6 @@ class BlindScan:
     """Amplitude over the order; all of shape (n,).
 
     Attributes:
-        order: Orders.
         amplitude: Amplitude that each order alone has, in rad of the joint.
         floor: Median of the neighbourhood.
         level: Level that noise reaches anywhere in the scan with the probability `FALSE_ALARM`.
@@ -218,7 +215,6 @@ def floor_of(strength: Real, reach: NDArray[np.int64], free: NDArray[np.bool_] |
     the slope, so that a wide neighbourhood does not make its low end an alarm.
 
     Args:
-        strength: Strengths over the order.
         reach: Rows to either side; shape of `strength`.
         free: True if noise was left in; shape of `strength`; None for everywhere.
     """

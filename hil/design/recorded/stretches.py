@@ -24,12 +24,8 @@ class MotionStretch:
     """Rows in which the motor turns one way.
 
     Attributes:
-        rows: The rows.
         direction: +1 forwards, −1 backwards.
-        turns: Revolutions of the motor.
         speed_rps: Median of its speed, without a sign.
-        from_s: Time of the first row.
-        to_s: Time of the last row.
     """
 
     rows: slice
@@ -82,11 +78,8 @@ def parts_of(stretch: MotionStretch, motor_angle_rad: Real, time_s: Real, turns:
     A stretch that is too short for two parts stays whole.
 
     Args:
-        stretch: The stretch.
         motor_angle_rad: Motor angle of the whole recording.
         time_s: Time of the whole recording.
-        turns: Fewest revolutions of a part.
-        most: Largest number of parts.
     """
     count = max(1, min(most, int(stretch.turns / turns)))
     angle = stretch.direction * motor_angle_rad[stretch.rows]

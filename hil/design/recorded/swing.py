@@ -29,7 +29,6 @@ class JointSwing:
 
     Attributes:
         per_hz2: c = 1/f_a² in s².
-        error_per_hz2: Its standard error.
         highest_hz: Highest frequency k f_m with which an order passed.
     """
 
@@ -82,7 +81,6 @@ def swing_of(
 
     Args:
         sections_at: Each stretch for a swing c in s².
-        orders: Orders of the transmission error.
         highest_hz: Highest frequency k f_m with which an order passed.
     """
     found, weights = [], []

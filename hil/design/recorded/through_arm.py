@@ -40,7 +40,6 @@ class ArmPrior:
         arm: Arm on its gear and delay of the sensor.
         resonance_fraction: Standard error of its resonance by its resonance.
         damping_fraction: Standard error of its damping by its damping.
-        delay_error_s: Standard error of the delay.
     """
 
     arm: Arm
@@ -77,8 +76,6 @@ class ThroughArm:
             time_s: Instants of the samples, increasing; shape (n,).
             motor_rad: Motor angle; shape (n,).
             values: Acceleration in m/s², or torque in N·m; shape (n,).
-            ratio: Reduction ratio N.
-            sensing: Kind of the signal.
             arm_hz: Resonance by which the passed frequencies count.
 
         Raises:
@@ -174,7 +171,6 @@ class RefinedArm:
     """Arm as the recordings show it.
 
     Attributes:
-        arm: The arm.
         steps: Arms that lie one standard error away, each along an axis of their uncertainty.
     """
 
@@ -189,8 +185,6 @@ def refined_arm(rows: Rows, orders: Sequence[float], prior: ArmPrior) -> Refined
 
     Args:
         rows: The stretches.
-        orders: Orders of the transmission error.
-        prior: What is known of the arm beforehand.
     """
     bases = []
     for through, inside in rows:

@@ -61,9 +61,6 @@ class Pass:
     """One completed pass.
 
     Attributes:
-        ramps: Motion that was requested.
-        recording: Recording of the run.
-        sweep: The recording as input of the fit.
         estimate: Estimate from all passes so far.
     """
 
@@ -78,8 +75,6 @@ class Identification:
     """Passes of an identification, and the notes on its estimate.
 
     Attributes:
-        passes: Passes in their order.
-        notes: Sentences for the engineer.
         misses: Numbers that are known less well than requested.
         scan: Orders of the vibration; None without an accelerometer.
         reaction: Reaction of the gear on its motor; None if no plant is known, or the ramps do not show it.

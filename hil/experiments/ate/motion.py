@@ -24,11 +24,8 @@ class Ramps:
     """One pass: a ramp in either direction.
 
     Attributes:
-        ramp: The ramp as it was planned.
         trajectory: The ramp forwards.
         motion: Motion of the robot, the approach to the ramp's beginning included.
-        forward: Rows of the ramp forwards.
-        backward: Rows of the ramp back.
         low_rev: Lower turning point of the motor, absolute.
         high_rev: Upper turning point of the motor, absolute.
     """

@@ -47,13 +47,9 @@ def identify_ate(
     These are recordings, bus log and result.json, also if the identification fails.
 
     Args:
-        bench: The bench file.
-        request: Axis, passes and goal.
         out: Directory of the result; made where it is missing.
-        identified: The model file; None without one.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
         overload: Run even what does not fit on the bus.
-        reporter: Listener of each pass and its progress.
 
     Raises:
         HilError: Nothing has moved yet: nodes or limits do not allow it.

@@ -52,8 +52,6 @@ class SeenOrder:
     """Order that the ramps show and that was not requested.
 
     Attributes:
-        order: Order k.
-        amplitude_arcsec: Amplitude A_k.
         fraction: Fraction of the vibration's power that it explains.
         sigmas: Its amplitude in standard errors.
     """
@@ -272,8 +270,6 @@ class OrderWatch:
     """Passes of one axis, to be scanned for orders.
 
     Attributes:
-        reduction_ratio: N.
-        sensing: The kind of signal.
         ramp: Ramp of the last pass.
         sweeps: Passes so far.
     """

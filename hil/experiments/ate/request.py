@@ -35,10 +35,7 @@ class Miss:
 
     Attributes:
         name: Its name, `A_2` or `φ_2`.
-        order: Order k.
-        sentence: Sentence on it.
         over: Its standard error over the one asked for.
-        is_usable: True if it is a result all the same.
     """
 
     name: str
@@ -98,12 +95,9 @@ class AteRequest:
     """Request of an identification of the transmission error.
 
     Attributes:
-        axis: Axis number.
         acceleration_rps_s: Acceleration of the first pass, later ones are slower; None: chosen from f_a.
-        passes: Largest number of passes.
         sensorless: Use motor torque and encoder only.
         goal: Standard errors at which the passes end.
-        orders: Orders k that are fitted.
     """
 
     axis: int
@@ -129,7 +123,6 @@ class AxisKnowledge:
         plant: Plant for the sensorless variant.
         arm_inertia_fraction: Standard error of J_l as a fraction of J_l, on which A_k depends without an accelerometer; 0 with
             one, and if the error of J_l is not known.
-        source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.

@@ -26,11 +26,8 @@ class Alternation:
     """Collector of the tip's vibration in alternating runs.
 
     Attributes:
-        bench: The bench file.
-        scale: Scale of the axes that move.
         run: Runs the motion, with the treatment or without.
         titles: Titles of a run without the treatment, and of one with it.
-        reporter: Listener of each run.
         period_s: Sampling period, once something has run.
     """
 

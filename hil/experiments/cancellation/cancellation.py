@@ -73,7 +73,6 @@ class CancellationAdder:
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.
-        laws: Laws of all axes.
     """
 
     uses_torque: bool
@@ -92,8 +91,6 @@ class Cancellation:
     Attributes:
         axes: Axis numbers in the order of the motion.
         tables: Cancellation tables by axis; an axis without one is left alone.
-        period_s: SYNC period.
-        torque_steps_nm: Resolution of the torque offsets, by axis.
         scales: Scales by which the vibration is judged, by axis.
         responses: Responses of the arm by axis, with which its trial reads the orders.
         is_learnt_on_motion: True if all of it was learnt by probing a motion: its orders are known together, not each.
@@ -222,14 +219,11 @@ def cancellation_for(
     SYNC periods of 1 and 2 ms without a filter; on 1 Mbit/s three axes with torque offsets need 2 ms.
 
     Args:
-        bench: The bench file.
         identified: The model file; None for the bench file's own model.
         axes: Axis numbers in the order of the motion.
-        period_s: SYNC period.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
         by_torque: True if torque offsets can be sent: what the set-points have no room for is left to them.
-        way: How it reaches the drives.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.

@@ -64,9 +64,6 @@ class OrderValue:
     """Amplitude and phase of an order.
 
     Attributes:
-        source: Origin of the values.
-        amplitude_arcsec: A_k.
-        phase_deg: φ_k.
         amplitude_error: Standard error of A_k in arcsec; None if none is known.
         phase_error: Standard error of φ_k in degrees; None if none is known.
         why: Reason why it is this one, of one that was known.
@@ -113,7 +110,6 @@ class Correction:
 
     Attributes:
         part: What was known; None if nothing was.
-        period_s: SYNC period.
         known: Significant orders of what was known.
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
@@ -549,7 +545,6 @@ class _Left:
     """Rest of an order in one direction of a pass.
 
     Attributes:
-        order: Order k.
         seen: s_k.
         acted: c_k.
         delay_s: δ_c.

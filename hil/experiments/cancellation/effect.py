@@ -49,12 +49,7 @@ PLANNED_SPREAD = 1.6
 
 
 class Part(NamedTuple):
-    """Order of an axis, the unit that is cancelled or left out.
-
-    Attributes:
-        axis: Axis number.
-        order: Order k.
-    """
+    """Order of an axis, the unit that is cancelled or left out."""
 
     axis: int
     order: float
@@ -75,7 +70,6 @@ class Response:
         known: The loop around the model; or, where nothing but the arm on its gear is known, that.
         stretch: Factor of the resonance.
         damping: Factor of the damping.
-        delay_s: Delay of the sensor.
     """
 
     known: Loop | Arm
@@ -124,10 +118,8 @@ class AxisWaves:
     """An axis whose orders are read.
 
     Attributes:
-        number: Axis number.
         orders: Orders k that are fitted, those that are not cancelled included.
         lever_m: Lever of the tip: a number, or one for each row; shape () or (n,).
-        response: Response X.
         planned_rad: Planned motor angle over the reduction ratio, as the position loop lets it through; shape (n,).
     """
 

@@ -39,11 +39,8 @@ class FollowingSetUp:
     """Set-up of a cancellation that follows.
 
     Attributes:
-        cancellation: The cancellation.
         axes: Axis numbers that are cancelled, in the order of the rows of the observer.
-        arms: Arm of each of them.
-        orders: Orders of each of them as they were identified.
-        band: Section of the band-pass.
+        orders: Orders of each axis as they were identified.
         levers_m: Lever of the tip at each, by row of the motion; shape (n, axes).
         count_rad: Step of the joint's own encoder, which takes the accelerometer's place; None with an accelerometer.
     """

@@ -45,10 +45,7 @@ class HeardOrder:
     """Observation of an order in a run.
 
     Attributes:
-        axis: Axis number.
-        order: Order k.
         left: Largest |d| by which w moved, or would have moved.
-        has_moved: True if w has moved.
     """
 
     axis: int
@@ -62,7 +59,6 @@ class FollowRun:
     """Run of the trial.
 
     Attributes:
-        recording: Its recording.
         watched: What the observer saw of each order.
     """
 

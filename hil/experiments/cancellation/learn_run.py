@@ -31,12 +31,9 @@ class LearnRequest:
 
     Attributes:
         axes: Axis numbers, learnt one after the other.
-        passes: Most passes of each axis.
-        acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         note: Load, temperature: goes into the model file beside the date.
         motor_inertias_kg_m2: J_m from data sheets by axis, where no plant is known.
-        orders: Orders that are learnt.
     """
 
     axes: tuple[int, ...]
@@ -80,15 +77,12 @@ def learn_on_bus(
     The estimate of each axis is written to the model file before the next axis begins.
 
     Args:
-        bench: The bench file.
-        request: Axes and passes.
         out: Directory for recordings, bus log and result.json; made where it is missing.
         model: The model file; if it exists, it is read for the motors' inertia and the known orders; it is written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
             Of a transmission error in it, those orders are kept that the passes do not better.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
         overload: Run even what does not fit on the bus.
-        reporter: Listener of each pass and its progress.
 
     Raises:
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.

@@ -113,7 +113,6 @@ class LearntPass:
         gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip, both ramps, in the band around f_al, at the speeds that excite the arm.
         estimate: Last fit of the passes.
-        set_point_delay_s: Delay of the set-points as estimated after this pass.
         values: Amplitude and phase of each order as they are known after this pass.
         verdicts: Verdict on each order that was cancelled in it.
     """
@@ -140,12 +139,9 @@ class AxisLearning:
     """Passes of one axis, and the transmission error learnt from them.
 
     Attributes:
-        axis: Axis number.
-        passes: Passes in their order.
         emulated: True if the robot is emulated; None if that is not known.
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
         left_out: Orders that are not cancelled, with the verdicts on them.
-        notes: Sentences for the engineer.
         correction: What is known of the correction of each order.
         reaction: Reaction of the gear on its motor; None before the learning begins.
     """
@@ -269,16 +265,11 @@ def learn(
     """Learn the transmission error of one axis by cancelling it.
 
     Args:
-        session: Session that has been brought up.
-        axis: Axis number.
         identified: The model file: the motor's inertia, and orders that the passes may not better. None: the bench file's model.
         passes: Number of passes, each back and forth; two at least.
-        acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         motor_inertia_kg_m2: J_m from a data sheet, where neither file has a plant.
-        orders: Orders that are learnt.
         keep: Keeper of every pass, a stopped one included, before it is checked.
-        reporter: Listener of each pass.
 
     Raises:
         NotPossibleError: Fewer than two passes, no motor inertia, or limits that keep the motor from the resonance.

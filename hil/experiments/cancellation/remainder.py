@@ -65,13 +65,9 @@ class TrialView:
     """Data of a trial for the account of the remainder.
 
     Attributes:
-        looks: All runs.
         used: Parts that passed, and are used.
-        windows: Windows in which peaks are judged.
         recording: One recording of the motion.
         rows: Rows that are read; shape (n,).
-        axes: Axes as they are read.
-        scale: Scale of the vibration.
     """
 
     looks: Sequence[Look]

@@ -240,12 +240,9 @@ def verify(
     The motion runs without it, with a fraction, with that on each axis alone, and with the whole.
 
     Args:
-        session: Session that has been brought up.
-        cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run with it; it must excite the arm.
         filters: Filters of the drives that act, in all of these runs.
         shows_filter: True if the drives report their filters' state.
-        reporter: Listener of each run.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.
@@ -287,7 +284,6 @@ class Choice:
     Attributes:
         cancellation: Cancellation without the parts that did not pass; None if it was refused, or the drives cancel.
         filters: Filters of the drives that act.
-        verification: Runs of the trial.
         refusal: Reason why the cancellation is not used, or None.
     """
 
@@ -318,13 +314,10 @@ def choose(
     """Try a cancellation; choose the parts that pass, or the notch.
 
     Args:
-        session: Session that has been brought up.
-        cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run.
         with_notch: True if the filters act beside it; after a refusal they act alone, where the bench has any.
         is_shaped: True if a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
         shows_filter: True if the drives report their filters' state.
-        reporter: Listener of each run.
 
     Raises:
         HilError: As `verify`.

@@ -163,7 +163,6 @@ class ProbedRows:
     show orders in the band's upper half. The displacement judges a run.
 
     Attributes:
-        band_hz: Band of the vibration.
         rows: The rows, in one piece.
     """
 

@@ -28,8 +28,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
     """Gather one robot's rows.
 
     Args:
-        plan: Plan of its runs.
-        directory: Its directory, below the comparison's.
+        directory: Directory of its runs, below the comparison's.
         result: Result of its runs; None without one.
         ended: Reason why they ended early; empty if they did not.
     """
@@ -210,7 +209,6 @@ def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
     The text also has the runs that were not judged or left out.
 
     Args:
-        result: The comparison.
         width: Columns of the terminal; None: as many as it takes.
     """
     lines = []

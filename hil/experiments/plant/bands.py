@@ -53,8 +53,6 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
     At its bias speed no order rings; values of the request take precedence.
 
     Args:
-        request: The request.
-        sync_s: The SYNC period.
         plant: The plant, roughly.
         speed_limit_rps: Limit of the motor speed, of which the bias takes half.
         is_wide: True on an arm: up to where the pilot looked, since other modes may ring anywhere.
@@ -84,7 +82,6 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
 
     Args:
         f_a: Anti-resonance, Hz.
-        limit_rps: Largest speed that is allowed.
     """
     return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in SLOWER[:3]])
 

@@ -47,17 +47,7 @@ class PlantNotIdentifiedError(HilError):
 
 @dataclass(frozen=True)
 class DataCheck:
-    """One check of the data.
-
-    Attributes:
-        name: Quantity in words.
-        value: Value of the quantity.
-        needed: Value that is required.
-        unit: Unit of both values.
-        holds: True if the value is sufficient.
-        remedy: Advice where it is not.
-        causes: Causes where it is not.
-    """
+    """One check of the data."""
 
     name: str
     value: float
@@ -123,7 +113,6 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         tip_m_s2: Acceleration of the tip; shape (n,).
         missed: Number of cycles that lack it.
         rows: Number of all cycles.
-        sensor: Name of the tip's sensor.
     """
     if missed > MAX_MISSED * rows:
         most = math.floor(MAX_MISSED * rows)
@@ -195,7 +184,6 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     Args:
         estimate: The plant.
         amplitude_nm: Peak of the excitation.
-        request: Request of the identification.
         limited_by: Name of what allowed no larger amplitude; empty if it was requested.
     """
     high = float(estimate.response.frequency_hz[-1])

@@ -25,14 +25,9 @@ class PlantEvaluation:
     """Evaluation of a plant identification that passed its checks.
 
     Attributes:
-        request: Request of the identification.
         excited: Signal to which the excitation was added.
-        travel: Travel of the axis.
-        amplitude_nm: Peak of the excitation.
-        estimate: The plant.
         friction: Friction and gravity from the slow run.
         checks: Checks of the data; all of them hold.
-        remarks: Sentences for the engineer.
         cannot_tell: Sentences on the limits of these data.
     """
 

@@ -74,14 +74,8 @@ CALMER = 0.6
 class PlantIdentification:
     """Identification of a plant on a session that has been brought up.
 
-    Args:
-        session: Session that has been brought up.
-        request: Axis, band and excitation.
-        reporter: Listener of each run.
-
     Attributes:
         recordings: Recordings so far, by name, also where the identification fails.
-        checks: Checks so far.
         remarks: Sentences for the engineer so far.
     """
 

@@ -56,14 +56,11 @@ class PlantRequest:
     """Request of a plant identification.
 
     Attributes:
-        axis: Axis number.
         amplitude_nm: Peak of the excitation as a torque at the motor; None to choose it by a pilot run.
         low_hz: Lower end of the band; None to choose it by the pilot run.
         high_hz: Upper end of the band; None to choose it by the pilot run and the SYNC period.
         bias_rps: Approximate motor speed under the excitation; None for one at which the transmission error does not ring.
-        periods: Least number of periods to average over.
         excitation: Signal to which the excitation is added; `auto` for the torque where the drive allows it.
-        shape: Form of the excitation.
         with_accelerometer: Use the accelerometer, and refuse where it does not follow the axis.
         posture_deg: Angles of an arm's joints, by axis, to which the arm is brought first and from which it comes back.
     """
@@ -104,7 +101,6 @@ class Travel:
         per_stretch: Periods of each stretch that are evaluated, after one to settle.
         stretches: Number of stretches, back and forth.
         low_rev: Lower end of the travel, as the drive counts.
-        high_rev: Upper end.
     """
 
     bias_rps: float
@@ -163,10 +159,6 @@ def plan_travel(
     It lies between the position limits, and has as few stretches as possible.
 
     Args:
-        bench: The bench file.
-        request: Axis and excitation.
-        band: Band and bias speed.
-        start_rev: Present position of the motor, rev.
         excited: Signal to which the excitation is added.
         is_pilot: A single stretch of three periods.
 
@@ -337,7 +329,6 @@ class PlannedMotion:
     """Motion with the rows that are evaluated.
 
     Attributes:
-        motion: Motion of the robot.
         bias_rad: The motion without the excitation, from its start; shape (n,).
         excitation: Excitation in N·m or rad; shape (n,).
         stretches: Evaluated rows at constant speed.
@@ -357,9 +348,6 @@ def planned(
     """Finish a builder's motion, with its evaluated rows and their speeds.
 
     Args:
-        builder: The finished builder.
-        request: Request of the identification.
-        excited: Signal to which the excitation was added.
         stretches: Evaluated rows.
         speeds: Speed of each stretch, rev/s, signed.
     """
@@ -381,10 +369,6 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
     It goes back and forth at four speeds, one of them over the whole travel.
 
     Args:
-        bench: The bench file.
-        request: Request of the identification.
-        travel: Travel of the axis.
-        start_rev: Present position of the motor, rev.
         fastest_rps: Fastest of the speeds, unless the bias speed is.
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
@@ -418,12 +402,7 @@ def excited_motion(
     """Motion back and forth at the bias speed under the excitation.
 
     Args:
-        bench: The bench file.
-        request: Request of the identification.
-        travel: Travel of the axis.
-        start_rev: Present position of the motor, rev.
         excited: Signal to which the excitation is added.
-        amplitude_nm: Peak of the excitation.
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
     builder.rest(0.1)

@@ -71,7 +71,6 @@ def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samp
         torque_nm: Motor torque; shape (n,).
         tip_m_s2: Tip acceleration; shape (n,); None without an accelerometer.
         samples: Rows of a period.
-        sync_s: The SYNC period.
     """
     speed = np.gradient(angle_rad, sync_s) / math.tau
     pairs = []
@@ -102,12 +101,8 @@ def predicted_peaks(
     The plant is roughly known, and is in the drive's loop.
 
     Args:
-        estimate: The plant.
-        travel: Travel with the excitation.
-        excited: Signal to which it is added.
+        excited: Signal to which the excitation is added.
         law: The drive's gains.
-        control_s: Its control period.
-        lever_m: Tip lever of the bench file.
     """
     wave, plant = travel.wave, estimate.plant
     frequency, count = wave.frequency_hz, len(wave.wave)
@@ -138,8 +133,7 @@ def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: f
 
     Args:
         travel: Travel with the excitation, which begins at once.
-        excited: Signal to which it is added.
-        speed_limit_rps: Limit of the motor speed.
+        excited: Signal to which the excitation is added.
     """
     if excited == "torque":
         return math.inf
@@ -154,9 +148,7 @@ class Room:
     """Limits for an excitation, less what is there without it.
 
     Attributes:
-        torque_limit_nm: Limit of the torque.
         steady_nm: Mean torque of the stretch: friction and gravity.
-        bias_rps: Bias speed.
         range_m_s2: Range of the accelerometer; infinite if it is not used.
         rest: Peaks without excitation.
     """

@@ -37,7 +37,6 @@ class ProbeTrouble:
 
     Attributes:
         about: Part that is not as it must be.
-        sentence: Sentence on what was seen.
     """
 
     about: Literal["brake", "encoder", "torque", "arm"]
@@ -45,13 +44,7 @@ class ProbeTrouble:
 
 
 def probe_motion(bench: Bench, request: PlantRequest, start_rev: float) -> PlannedMotion:
-    """Motion of the probe, towards the middle of the travel and back.
-
-    Args:
-        bench: The bench file.
-        request: Request of the identification.
-        start_rev: Present position of the motor, rev.
-    """
+    """Motion of the probe, towards the middle of the travel and back."""
     limits = bench.axis[request.axis].limits
     sign = 1.0 if start_rev <= 0.5 * (limits.position_min_rev + limits.position_max_rev) else -1.0
     builder = MotionBuilder(bench.bus.sync_period_s)
@@ -69,11 +62,7 @@ def probe_trouble(
     """Reason why the axis must not be moved on, or None.
 
     Args:
-        motion: Motion of the probe.
-        recording: Its recording, also of one that was stopped.
-        axis: Axis number.
-        torque_limit_nm: Limit of the motor torque.
-        reduction_ratio: Reduction ratio N.
+        recording: Recording of the motion, also of one that was stopped.
     """
     angle, torque = recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm")
     if len(angle) < len(motion.bias_rad):
@@ -135,7 +124,6 @@ def slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple
     Args:
         angle: Motor angle; shape (n,).
         torque: Motor torque; shape (n,).
-        motion: Motion of the probe.
     """
     rows, wanted = [], []
     for stretch, speed in zip(motion.stretches, motion.speeds_rps, strict=True):

@@ -30,8 +30,6 @@ class Picture:
     Attributes:
         x: Numbers along; shape (n,).
         y: Numbers upwards; shape (n,).
-        x_label: Quantity and unit of x.
-        y_label: Quantity and unit of y.
         limits: Values of y that are drawn as limits, by name.
         is_line: True if the points are joined.
     """
@@ -50,11 +48,8 @@ class Finding:
 
     Attributes:
         kind: Its kind, a word or two joined by hyphens.
-        severity: Weight of it.
-        remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
         node: Node-ID; None if it is of the bus.
-        picture: Numbers of its picture.
     """
 
     kind: str

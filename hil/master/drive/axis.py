@@ -123,9 +123,6 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
     """Check the identity of a node; return the profile of its product.
 
     Args:
-        network: The bus.
-        node: Node-ID of the node.
-        profile: Drive profile with the expected identity.
         serial_number: Serial number in the bench file; None if any is accepted.
 
     Raises:

@@ -36,8 +36,7 @@ class Questions:
         """Read an integer; None if the node does not have it.
 
         Args:
-            need: The object.
-            kind: Its data type; None for an unsigned integer of any length.
+            kind: Data type of the object; None for an unsigned integer of any length.
             is_optional: Do not count it as missing.
 
         Raises:

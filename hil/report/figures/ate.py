@@ -41,7 +41,6 @@ class DrawnPass:
     """One pass as it is drawn; all of shape (n,).
 
     Attributes:
-        time_s: Time from the first sample.
         speed_rps: Motor speed f_m, with its sign.
         measured: Signal in the fit's band.
         model: Prediction of the model in that band.

@@ -40,7 +40,6 @@ class NotchFigures:
     """Figures of filters that acted together.
 
     Attributes:
-        material: Result, bench and recordings.
         nth: Which of the filters on the page these are, from 0.
     """
 

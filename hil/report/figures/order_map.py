@@ -40,7 +40,6 @@ class MarkedResonance:
     """Frequency at which the tip rings.
 
     Attributes:
-        hz: The frequency; None if it is not known.
         symbol: `f_al`, the peak of |G_al| of the closed loop, or `f_a`, the arm on its gear with the motor held.
     """
 

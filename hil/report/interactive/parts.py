@@ -31,7 +31,6 @@ class InteractiveParts:
 
     Attributes:
         policy: Content security policy: the page may run and load these scripts only.
-        style: Rules for the figures.
     """
 
     policy: str

@@ -43,7 +43,6 @@ class ComparedMotion:
     """Figures of a motion of a robot with every treatment.
 
     Attributes:
-        material: Result and recordings of its runs.
         axis: Axis of a motion of one axis, else None.
         several: True if the comparison has more than one robot.
     """

@@ -27,9 +27,6 @@ class DriveFamily(ABC):
     Attributes:
         profile: Name of the profile that describes the drive.
         scaling: Scaling of the drive when it leaves the factory.
-        modes: The modes that it has and that are emulated.
-        store_commands: The entries that store and restore.
-        store_limit_s: The longest that storing may take.
         steps: SI units per step of those CiA 402 objects that do not count as ours do.
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.

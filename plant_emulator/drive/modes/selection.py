@@ -68,11 +68,9 @@ class ModeSelection:
 
         Args:
             slave: The node.
-            stage: The power stage.
             modes: The modes that the drive has, by number; at 0, the one that acts if none is chosen, or nothing.
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
-            power: Power of the state machine.
             halt_blocks: True if another mode has to wait until the halt bit is clear.
         """
         self.acting: ModeOfOperation | None = None

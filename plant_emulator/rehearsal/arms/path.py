@@ -84,7 +84,6 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
     """Return the true tip in a condition, with equal windows.
 
     Args:
-        condition: The condition.
         model: What was learnt; None if nothing was.
         left_out: Orders that the trial has left out.
     """

@@ -32,12 +32,7 @@ HELD_OUT_FROM = 50_001
 
 
 class RecordedRobot:
-    """Folder of one robot: truth, bench file, and files of the identifications.
-
-    Attributes:
-        kind: Kind of the robot that was drawn.
-        files: Files of the identifications.
-    """
+    """Folder of one robot: truth, bench file, and files of the identifications."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.kind, self.files = folder, folder.name.partition("-")[0], PathFiles(folder)

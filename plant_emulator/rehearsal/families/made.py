@@ -36,8 +36,6 @@ def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
     They hold the gains of the bench file, as if set by their maker's tool.
 
     Args:
-        robot: The robot.
-        bench: Its bench file, with gains.
         families: Families by axis; the other axes keep their drives.
     """
     gains = {number: bench.axis[number].gains(f"axis {number}") for number in families}

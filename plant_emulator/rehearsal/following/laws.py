@@ -74,10 +74,7 @@ class FollowerBase(ABC):
         """Process one sample of one axis, as `FollowingLaw` does.
 
         Args:
-            angles_rad: Measured motor angle.
             references_rad: Set-point of the motion alone.
-            levers_m: Lever of the tip.
-            acceleration_m_s2: The tip's acceleration; None if it was not measured.
         """
         angle, period, own = angles_rad[0], self._period_s, self._set
         last = angle if self._angle is None else self._angle

@@ -49,7 +49,6 @@ class Assumed:
         turn_deg: Turn of each φ_k.
         stretch: Factor of f_al.
         damping: Factor of the damping.
-        delay_s: Error of the sensor's delay.
     """
 
     amplitude: float = 1.0
@@ -90,8 +89,6 @@ class Rig:
     """An axis, its cancellation, and the motion.
 
     Args:
-        robot: The robot.
-        assumed: What the follower assumes of it.
         number: Axis; the first unless given.
         bench: The bench file, for its gains; the robot's blank one unless given.
     """

@@ -40,9 +40,6 @@ class Outcome:
     """A law on a robot's motion; lengths are true tip in mm.
 
     Attributes:
-        seed: The robot.
-        law: The law.
-        motion: The motion.
         nothing_mm: Peak without a cancellation.
         alone_mm: Peak with the feed-forward alone.
         following_mm: Peak with the law.

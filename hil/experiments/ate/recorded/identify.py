@@ -77,15 +77,12 @@ class _Prepared:
     """Knowledge before the first fit.
 
     Attributes:
-        files: The recordings.
         form: Signal beside the motor angle.
         sensed: The recordings through the arm; None for two encoders.
         refined: The arm; None for two encoders.
         swing: Swing of the joint; None for a sensor, and if the recordings do not show it.
-        ratio: Reduction ratio.
         ratio_found: Reduction ratio that two encoders show; None without them.
         chosen: Number of the file, file and stretch of all that are fitted.
-        notes: Sentences so far.
     """
 
     files: list[Recorded]
@@ -144,7 +141,6 @@ def identify_recorded(
     The result and the page's curves are written into a directory.
 
     Args:
-        request: Recordings, axis and orders.
         directory: Directory of the result; made where it is missing.
         bench: Bench with lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.

@@ -77,17 +77,13 @@ def learn_on_motion(
     """Learn the transmission errors of all axes of a motion by running it.
 
     Args:
-        session: Session that has been brought up.
-        motion: The motion.
         axis: The axis of a ramp; None for a line of the tip.
         identified: The model file: the motors' inertias; None: the bench file's models.
-        orders: Orders that are learnt.
         probe_arcsec: Amplitude of a probe; None: by what the tip does without cancellation.
         inertias_kg_m2: J_m from data sheets by axis, where neither file has a plant.
         pace: Multiple of a line's time in which it is learnt as well; None: none.
         keep: Keeper of every run, a stopped one included, before it is checked.
         read: Reader of the learning, which is given it before the first run, as it may end early.
-        reporter: Listener of each run.
 
     Raises:
         NotPossibleError: An inertia is missing, no band is known, or the motion reaches no order or shows too little.
@@ -178,8 +174,6 @@ class _Led:
     """Settings to which runs have led.
 
     Attributes:
-        parts: Orders of axes.
-        effects: Effect of each.
         vector: Settings of all parts.
         step: The last step to the settings, with its errors.
         run: Run with them; None before one.

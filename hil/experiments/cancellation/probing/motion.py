@@ -174,13 +174,10 @@ class PartOutcome:
     """Outcome of one order of one axis in the runs.
 
     Attributes:
-        part: Axis and order.
         outcome: `learnt`, or why it is left at 0.
         value: A e^{jφ} in arcsec; 0 if it is left out.
         amplitude_error: Standard error of A in arcsec; None if nothing is known.
-        phase_error_deg: Standard error of φ.
         seen: Fraction of it that the runs show.
-        words: The same as a sentence.
     """
 
     part: Part

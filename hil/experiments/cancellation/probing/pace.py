@@ -35,9 +35,7 @@ class KnownSettings:
     """Settings of orders of axes, and how well they are known.
 
     Attributes:
-        parts: Orders of axes.
         vector: A_k cos φ_k and A_k sin φ_k of each in turn, arcsec.
-        covariance: Their covariance.
         seen: Fraction of each that the runs show.
     """
 

@@ -49,7 +49,6 @@ class ShownReaction(NamedTuple):
 
     Attributes:
         load: τ_g as the reaction shows it, over N times the slow torque of the motor; 0 if there is none.
-        standard_error: Its standard error.
         power: Fraction of the load's power in the band that it explains.
         turned_nm: Slow torque of the motor in the direction in which it turns.
         change: Settings of all parts, as A_k cos φ_k and A_k sin φ_k in turn, by which those that bring the tip to rest change
@@ -145,9 +144,6 @@ def shown_reactions(
     """Find the gear reaction of each axis with learnt orders.
 
     Args:
-        bench: The bench file.
-        known: The model file.
-        learning: Record of the learning.
         parts: Orders of axes that were probed.
         vector: Settings about which they were.
         step: What has to be added to them, so that the tip comes to rest.

@@ -28,9 +28,7 @@ class MotionRun:
     """One run of the motion.
 
     Attributes:
-        kind: Base run, probe, or run with the learnt values.
         values: Cancelled A e^{jφ} in arcsec, by part.
-        recording: Its recording.
         felt_m_s2: Acceleration of the tip in the rows that count; shape (3, rows).
         moved_mm: Displacement of the tip there; shape (3, rows).
         pace: Multiple of the motion's time in which it was run.
@@ -59,12 +57,8 @@ class MotionLearning:
     """Result of learning on a motion.
 
     Attributes:
-        motion: The motion.
-        scale: Scale by which it is judged.
         inertias: J_m by axis, as it was given, where no file has a plant.
         probed: Rows that count; None before the first run.
-        runs: Runs in their order.
-        outcomes: Outcome of each order of each axis.
         reactions: Reactions of the gears, as the motors' torque shows them.
         applied: Run with what is kept; None if nothing is.
         probe_arcsec: Amplitude of the probes; 0 before them.

@@ -40,11 +40,7 @@ class Runs:
     """The runs of a motion that is probed.
 
     Args:
-        session: Session that has been brought up.
         learning: Its record, to which each run is added.
-        known: The model file.
-        keep: Keeper of every run.
-        reporter: Listener of each run.
     """
 
     def __init__(
