@@ -328,7 +328,6 @@ class Metrics:
 
     Attributes:
         tip_peak_mm: Largest |tip displacement| in the window.
-        tip_rms_mm: Root mean square of the tip displacement in the window.
         spectrum_peak_m_s2: Largest amplitude near f_al of the Hann spectrum of the window, or of the spectrum of the line motion.
         spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window in the band of the
             vibration (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).

@@ -121,7 +121,6 @@ class TourRunner(ABC):
     """Runner of a tour: makes the steps, notes them, and writes the result.
 
     Attributes:
-        reporter: Listener of each step, and of each run of the comparison.
         request: Request of the comparison that the tour ends with.
         emulated: Whether the robot of each step was emulated, as far as that is known.
     """

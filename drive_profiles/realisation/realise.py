@@ -155,7 +155,6 @@ def realise(
         target: The notch at one speed.
         section: Number of the drive's filter, from 0.
         period_s: Period at which the filter runs, s; needed where the profile does not know it.
-        tolerance: Largest deviations of a filter that counts as the designed notch.
         allow_approximate: Accept the nearest filter that the drive holds. A frequency out of range, an unknown scaling, or a
             filter that is not a stable notch is refused all the same.
 

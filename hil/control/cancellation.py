@@ -106,11 +106,7 @@ def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Re
 
 
 class CancellationLaw:
-    """Cancellations of several axes with their states.
-
-    Attributes:
-        data: The core's record of all of them; it must not outlive the law.
-    """
+    """Cancellations of several axes with their states."""
 
     def __init__(
         self,

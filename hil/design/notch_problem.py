@@ -74,7 +74,6 @@ class DesignRamp:
 
     Attributes:
         rate_rps_s: Rate up and down.
-        top_rps: Speed at which the rise ends and the turn begins.
         weight: Weight of its peaks in what a search minimises; that of the user's own motion is 1.
         is_own: True for the user's own motion, on which the tip must keep its limit.
         period_s: Sampling time of `reference_rad`.

@@ -127,9 +127,7 @@ class _Closed:
     The shape is (1 + images, lines), unless stated.
 
     Attributes:
-        motion: Motor angle per torque demand.
         alone: What the law samples besides: the motor's own motion beyond half of the law's rate.
-        acting: Torque demand that the excitation causes.
         passed: Change of the sampled motor angle by one of its response.
         continuous: Motor angle at the images; shape (images, lines).
         torque: Reported torque there.

@@ -70,7 +70,6 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
     Args:
         stretches: Stretches of whole periods.
         lines: Excited bins; shape (m,).
-        sync_s: Time between two samples.
 
     Raises:
         ValueError: A stretch is not a whole number of periods, or only one.

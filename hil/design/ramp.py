@@ -30,7 +30,6 @@ class RampMotion:
     """Motion of the axis, at equal intervals.
 
     Attributes:
-        period_s: Time between two samples.
         motor_speed_rps: Motor speed f_m with its sign; shape (n,).
         arm_acceleration_rad_s2: Arm acceleration θ̈_l; shape (n,).
     """
@@ -82,7 +81,6 @@ def follow(
     tip peak of the ramp comes out within a few per cent of the full physics.
 
     Args:
-        loop: Plant, gains, filters, sampling time, delay.
         reference_rad: θ_ref at every period of the loop; shape (samples,). It starts at rest.
         sample_s: Time between two samples of the result, rounded to whole periods.
         load_nm: Friction and gravity against the motor, constant on a ramp. To a filter that follows the speed they matter: while

@@ -15,7 +15,6 @@ class BusDemand:
     """Frames that a motion needs in every cycle.
 
     Attributes:
-        loop: Side that closes the loop, the drive or the host.
         with_notch: True if the drives' variable filters act; they report their state where there is room.
         with_torque_offset: True if a torque offset (60B2h) is sent beside each position.
     """

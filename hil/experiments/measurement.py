@@ -78,7 +78,6 @@ class Measurement(Generic[R]):
         """Keep the bench and the directory; nothing is opened yet.
 
         Args:
-            out: Directory of the files; made where it is missing.
             make_result: Maker of the result as it is before anything has been measured.
             channel: The bus; opened from the bench file's address, and closed, unless it is given.
         """
@@ -165,10 +164,6 @@ class Measurement(Generic[R]):
 
         The bus must carry the motions of `demands`.
 
-        Args:
-            overload: Do not check the demands.
-            reset_faults: Reset drives that are in fault before anything else.
-
         Raises:
             ProfileGapsError: Profiles lack what the motions need; nothing has been sent.
             NotPossibleError: The bus does not carry a motion; nothing has been sent.
@@ -221,9 +216,6 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
     """Refuse motions that the profiles or the bus do not allow.
 
     Nothing is sent.
-
-    Args:
-        overload: Do not check whether the frames fit.
 
     Returns:
         For each demand True if there is room for the state of the drives' filters as well.

@@ -59,7 +59,6 @@ class MoveRequest:
         to_rev: Motor position as the drive counts, rev; or None.
         by_rev: Way of the motor from its present position, rev; or None.
         before: Position before the last motion; or None.
-        loop: Side that closes the loop, the drive or the host.
     """
 
     axis: int

@@ -51,7 +51,6 @@ class NotchDesignOutcome:
     """End of a notch design.
 
     Attributes:
-        bench: Bench file as it was used, with the identified model.
         f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.

@@ -46,7 +46,6 @@ class Experiment:
     Attributes:
         name: `constant-acceleration`, `line-motion` or `point-to-point`.
         axis: The axis that moves alone; None for the line motion.
-        loop: Side that closes the loop, the drive or the host.
     """
 
     name: str

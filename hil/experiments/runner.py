@@ -108,15 +108,11 @@ def run_experiments(
     Once a run has been recorded, its files and `result.json` are written, also after a failure.
 
     Args:
-        out: Directory of the files; made where it is missing.
         is_paper: Check all claims of the paper, tables included; only for the robot of the paper.
-        reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
-        overload: Run even what does not fit on the bus.
         knowledge: Knowledge beside the bench file; its identified models take precedence over the bench file's.
         repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        reporter: Listener of each run, the steps of a trial, and the present run's progress.
 
     Raises:
         ValueError: The paper's claims are asked of another robot.

@@ -91,10 +91,6 @@ def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identifie
 
     The modes count from the lowest; a shaper for a lower one may remove a higher one too.
 
-    Args:
-        bench: The bench file, with identified models where there are any.
-        identified: Model file, for an arm that rings with several modes.
-
     Raises:
         NotPossibleError: No axis that moves has a model, or none of them rings.
     """
@@ -121,10 +117,6 @@ def _leaves(made: Shaper, mode: SwingingMode) -> bool:
 def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identified | None) -> FittedShaper | None:
     """Shaper of a treatment, fitted to the moving axes, or None.
 
-    Args:
-        bench: The bench file, with identified models where there are any.
-        identified: Model file, for an arm that rings with several modes.
-
     Raises:
         NotPossibleError: It cannot be fitted.
     """
@@ -136,10 +128,6 @@ def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identifie
     """Shape a motion by a treatment, with the shaper's entry.
 
     A treatment without a shaper leaves the motion as it is, and has no entry.
-
-    Args:
-        bench: The bench file, with identified models where there are any.
-        identified: Model file, for an arm that rings with several modes.
 
     Raises:
         NotPossibleError: The shaper cannot be fitted.

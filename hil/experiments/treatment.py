@@ -109,7 +109,6 @@ class TreatmentSetup:
         bench: The bench file, with the gains and filters of this treatment.
         filters: Filters of the drives that act.
         is_designed: True if the filters are those of a design file, which are tried on the robot first.
-        is_cancelled: True if the host adds to the set-points.
         is_inside: True if the drives cancel the error in their own loops.
         cancel_with: Model of the cancellation; None for the bench file's.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
@@ -133,7 +132,6 @@ def treatment_setup(bench: Bench, name: TreatmentName, knowledge: Knowledge, per
 
     Args:
         period_s: Sampling time of the loop, for filters that are computed here.
-        loop: Side that closes the loop, the drive or the host.
 
     Raises:
         NotPossibleError: A file that it needs is missing or another robot's, or it is not possible in this loop.

@@ -113,11 +113,7 @@ class CyclicExchange:
         slots: Process data, one slot per axis that takes part, in their order.
         encoders: Second encoders of the axes that take part, in their order, then those of watched axes.
         watched: Axes that do not move, and whose second encoders are recorded.
-        with_torque_offset: True if a torque offset is sent beside each position set-point.
-        with_notch_state: True if the drives send the state of their first filter.
-        missing_answers: Answers that did not come in the last cycle.
         sensor_missed: Cycles without a measurement of the tip, by the accelerometer or by all encoders of the joints.
-        missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
@@ -149,7 +145,6 @@ class CyclicExchange:
         Args:
             loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
-            with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do: braked, they swing on their gears.
             clock: The master's clock; the monotonic clock unless it is given.
             max_lateness_s: Largest lateness at which a cycle is still sent in wall-clock time; half the period unless given.

@@ -58,8 +58,6 @@ class AxisGuard:
 
         Args:
             found: Its result, which is not `IN_ORDER`; the other values are those that it was given.
-            position_rad: Motor angle received in this cycle.
-            missing: Cycles in a row without an answer.
         """
         name, limits, turn = f"axis {self.number}", self.table.limits, 2.0 * math.pi
         if found == CORE.call.SILENT:

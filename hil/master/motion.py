@@ -51,7 +51,6 @@ class RunResult:
 
     Attributes:
         recording: Data that the master received; shorter than the motion if the run was stopped.
-        missed_cycles: Cycles of the motion in which an answer did not come.
         sensor_missed: Cycles of the motion without the tip: accelerometer, or all encoders of the joints.
         wall_s: Duration of the whole run, set-up, settling, return and restoration included.
         dropped_cycles: Cycles of the motion whose set-points were not sent in time: none in lock-step.

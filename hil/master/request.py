@@ -107,7 +107,6 @@ def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notc
     By its model; a loop without a model is accepted.
 
     Args:
-        with_notch: True if the variable filters act.
         held: A filter that acts at every speed.
 
     Raises:

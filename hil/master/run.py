@@ -59,9 +59,6 @@ class Run:
         supervisor: Supervisor that sends the heartbeat, and knows the reasons to stop that no PDO contains.
         bank: The loops that the host closes; None if the drives close them.
         adder: Additions to the set-points of a drive-closed run.
-        progress: Called with the fraction of the motion that is done.
-        missed: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without a measurement of the tip.
         dropped: Cycles of the motion whose set-points were not sent in time.
     """
 

@@ -81,7 +81,6 @@ class NodeSetup:
 
         Args:
             supervisor: Supervisor that sends the first heartbeat and watches the drives from then on.
-            with_notch: True if the drives' filters act.
 
         Raises:
             HilError: A node refuses, is silent, or does not hold a written value.
@@ -160,7 +159,6 @@ class Session:
 
     Args:
         channel: The bus; the session does not close it.
-        progress: Called with the fraction of the present motion that is done.
         clock: Clock of runs in wall-clock time; the monotonic clock unless it is given.
 
     Attributes:
@@ -240,7 +238,6 @@ class Session:
         """Find every node, check identity and standstill; write and enable nothing.
 
         Args:
-            reset_faults: Reset drives that are in fault before anything else.
             moving: Axes that will move; missing objects of the others do not matter. None: all axes.
             in_fault: Number of an axis whose drive may be in fault; None for none.
 
@@ -439,7 +436,6 @@ class Session:
         Args:
             loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
-            with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.
         """
         return CyclicExchange(
@@ -462,7 +458,6 @@ class Session:
 
         Args:
             context: Context that restores all of it; failures are noted in `not_restored`.
-            with_notch: True if the drives' filters act.
 
         Returns:
             The real-time context; None in lock-step, where time waits for the master.

@@ -32,10 +32,6 @@ def way_out(axis: int, stands_rev: float, limits: "Limits", low_rev: float, high
     """Return an axis' position, and the command to a better one.
 
     From there the motion remains within the position limits.
-
-    Args:
-        low_rev: Lowest position of the motion, counted from its start.
-        high_rev: Highest position of the motion, counted from its start.
     """
     lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
     here = f"it is at {rev_text(stands_rev)} rev"

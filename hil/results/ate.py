@@ -35,8 +35,6 @@ class AteRun(MadeRun):
     Attributes:
         forward_from_s: Beginning of the ramp forwards, in the recording's time.
         backward_from_s: Beginning of the ramp back, in the recording's time.
-        low_rev: Lower turning point of the motor, absolute.
-        high_rev: Upper turning point of the motor, absolute.
         timing: Punctuality of the cycles; None in lock-step.
     """
 

@@ -34,7 +34,6 @@ class CheckResult(MeasuredResult):
 
     Attributes:
         axes: Numbers of the axes that were to be checked.
-        checks: All checks, in the order in which they were made.
     """
 
     kind: Literal["check"] = "check"

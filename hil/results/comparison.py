@@ -38,7 +38,6 @@ class AxisCompliance(ResultPart):
     """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
 
     Attributes:
-        loop: Side that closes the loop, the drive or the host.
         slow: Compliance at 1 Hz.
         peak: Largest compliance from 0.1 to 30 Hz.
         peak_hz: Frequency of the largest compliance.
@@ -57,17 +56,13 @@ class ComparisonRow(ResultPart):
 
     Attributes:
         axis: Axis of a constant-acceleration run, else None.
-        loop: Side that closes the loop, the drive or the host.
         tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
         tip_peak_change_pct: Change of the peak against no treatment.
         spectrum_area: Area of the spectrum in the window in which the untreated run is worst, m/s²·Hz.
         spectrum_area_change_pct: Change of the area against no treatment.
-        within_spec: True if the tip keeps the specification.
         trial: End of the trial of a cancellation, or of designed filters.
         compliance: Compliance that the treatment costs; None without a model.
         recording: Path of the CSV file, from the robot's directory.
-        not_judged: Reason why there is no number.
-        left_out: Reason why the run was not made.
         ramp_peak_mm: Largest tip displacement on the whole ramp; None if there is none, or no ramp.
     """
 
@@ -95,7 +90,6 @@ class ComparisonRobot(ResultPart):
     Attributes:
         directory: Directory of its runs, below the comparison's.
         versions: Versions by package; None if nothing was run.
-        ended: Reason why it was not run to the end.
         emulated: True if any of its nodes is emulated; None if that is not known.
         emulated_parts: Its parts that are emulated, where others are not.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.

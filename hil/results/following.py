@@ -72,7 +72,6 @@ class FollowingEntry(ResultPart):
     """A cancellation that follows, in a run and its trial.
 
     Attributes:
-        is_used: True if it was used; else the cancellation alone was.
         words: Reason why it was not used; empty if it was.
         orders: Its effect on each order; empty if it was not used.
         begins: Orders that are followed only if more than the usual part of them is left.

@@ -142,12 +142,9 @@ class PlantResult(MeasuredResult):
         parameters: Every number with its standard error, by name.
         modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
-        cannot_tell: Sentences on the limits of these data.
         response: Motor angle per torque.
         tip_response: Tip acceleration per motor angle; None without an accelerometer.
         identified: Entry of the model file.
-        not_identified: Reasons why nothing was identified, a sentence each.
-        recordings: Paths of the CSV files by name of the run.
     """
 
     kind: Literal["identify-plant"] = "identify-plant"

@@ -70,7 +70,6 @@ class OrderChange(ResultPart):
     Attributes:
         probability: Probability of the differences, were they noise alone.
         widened: Factor by which they widen its standard errors.
-        phi_span_deg: Largest difference of two of its phases.
         is_seen: True if noise does not explain them.
     """
 
@@ -139,7 +138,6 @@ class RecordedAteResult(Result):
         changes: Each order against itself in these parts.
         scan: Blind scan; None if nothing could be scanned.
         ate: Entry of the model file; None if nothing was identified.
-        is_identified: True if an order exceeds its noise.
         plant: Plant that made an angle of the signal, in words; None for two encoders.
     """
 

@@ -202,15 +202,12 @@ class RunEntry(MadeRun):
     Attributes:
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
         axis: The axis that moves alone; None for the line motion.
-        loop: Side that closed the loop, the drive or the host.
         order: Order k of the window; None for the line motion, and for a run that was stopped.
         tip_peak_mm: Largest tip displacement, see `hil.analysis.Metrics` like the next four; None if it could not be judged.
-        tip_rms_mm: Root mean square of the tip displacement.
         spectrum_area: Area of the spectrum, m/s²·Hz.
         within_spec: True if the tip keeps the specification; None if the run was not judged.
         bus_errors: Error reports of the CAN controller, with their counts.
         timing: Punctuality of the cycles; None in lock-step.
-        invalid: Reason why the run cannot be judged.
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None if it is not known, and nothing is judged.
@@ -226,7 +223,6 @@ class RunEntry(MadeRun):
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
         unreached_orders: Sentences on orders that cannot meet f_al within the limits.
         following: Effect of a cancellation that follows on each order, and its trial; None without one.
-        ringing: Modes that ring after the stop of a point-to-point move.
         filters: Filters that acted; empty if none did. None in files from before they were kept.
     """
 

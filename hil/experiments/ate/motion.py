@@ -26,8 +26,6 @@ class Ramps:
     Attributes:
         trajectory: The ramp forwards.
         motion: Motion of the robot, the approach to the ramp's beginning included.
-        low_rev: Lower turning point of the motor, absolute.
-        high_rev: Upper turning point of the motor, absolute.
     """
 
     ramp: Ramp

@@ -47,7 +47,6 @@ def identify_ate(
     These are recordings, bus log and result.json, also if the identification fails.
 
     Args:
-        out: Directory of the result; made where it is missing.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
         overload: Run even what does not fit on the bus.
 

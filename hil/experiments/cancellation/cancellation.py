@@ -191,7 +191,6 @@ class Way(TypedDict, total=False):
 
     Attributes:
         actuation: `reference`, the default, for the set-point alone, `torque` with a torque offset.
-        with_notch: True if the drives' filters act.
         control_periods_s: T_c by axis; 250 µs where it is not given.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
     """
@@ -220,7 +219,6 @@ def cancellation_for(
 
     Args:
         identified: The model file; None for the bench file's own model.
-        axes: Axis numbers in the order of the motion.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
         by_torque: True if torque offsets can be sent: what the set-points have no room for is left to them.

@@ -241,8 +241,6 @@ def verify(
 
     Args:
         motion: The very motion that is to be run with it; it must excite the arm.
-        filters: Filters of the drives that act, in all of these runs.
-        shows_filter: True if the drives report their filters' state.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.
@@ -317,7 +315,6 @@ def choose(
         motion: The very motion that is to be run.
         with_notch: True if the filters act beside it; after a refusal they act alone, where the bench has any.
         is_shaped: True if a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
-        shows_filter: True if the drives report their filters' state.
 
     Raises:
         HilError: As `verify`.

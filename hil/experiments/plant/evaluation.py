@@ -28,7 +28,6 @@ class PlantEvaluation:
         excited: Signal to which the excitation was added.
         friction: Friction and gravity from the slow run.
         checks: Checks of the data; all of them hold.
-        cannot_tell: Sentences on the limits of these data.
     """
 
     request: PlantRequest

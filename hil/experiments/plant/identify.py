@@ -76,7 +76,6 @@ class PlantIdentification:
 
     Attributes:
         recordings: Recordings so far, by name, also where the identification fails.
-        remarks: Sentences for the engineer so far.
     """
 
     def __init__(self, session: Session, request: PlantRequest, reporter: Reporter = SILENT) -> None:

@@ -96,11 +96,9 @@ class Travel:
     """Travel of the axis under the excitation.
 
     Attributes:
-        bias_rps: Motor speed under the excitation.
         wave: One period of the excitation.
         per_stretch: Periods of each stretch that are evaluated, after one to settle.
         stretches: Number of stretches, back and forth.
-        low_rev: Lower end of the travel, as the drive counts.
     """
 
     bias_rps: float

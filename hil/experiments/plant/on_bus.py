@@ -48,10 +48,8 @@ def run_identify_plant(
     Where the plant was not identified, the recordings and a result with the reasons are written, but no model file.
 
     Args:
-        out: Directory of the result; made where it is missing.
         model: Model file for the plant; None for none.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
 
     Raises:
         HilError: Nothing has moved yet: the request, nodes, limits or the bus do not allow it.

@@ -95,7 +95,6 @@ def objects_needed(
 
     Args:
         loop: Place of the loop; None before it is known.
-        with_notch_state: True if the drive sends the state of its filter.
     """
     for limit in LIMITS:
         if limit.si(table.limits) is not None:
@@ -146,7 +145,6 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
 
     Args:
         axes: Numbers of the axes that take part; others than the bench's are left out.
-        with_notch: True if variable filters act.
     """
     found: list[str] = []
     in_drive = with_notch and loop == "drive"

@@ -126,7 +126,6 @@ class Page:
 
     Attributes:
         sections: Chapters in the order in which they are read.
-        cards: Numbers before and after, below the verdict.
         provenance: Names and texts on place, time and versions of the runs.
     """
 

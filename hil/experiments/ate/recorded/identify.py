@@ -141,7 +141,6 @@ def identify_recorded(
     The result and the page's curves are written into a directory.
 
     Args:
-        directory: Directory of the result; made where it is missing.
         bench: Bench with lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.
 

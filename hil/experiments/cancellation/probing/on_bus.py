@@ -95,7 +95,6 @@ def learn_motion_on_bus(
         model: The model file: read for the motors' inertia, where it exists, and written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
 
     Raises:
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.
