@@ -177,10 +177,6 @@ class BusLog:
     """
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
-        """Log to a file, or nowhere.
-
-        `channel` is the name of the bus in the log.
-        """
         self.is_on = path is not None
         self._path = path
         self._channel = channel

@@ -244,10 +244,7 @@ class _TourRunner(TourRunner):
         return self.out / f"notch-axis{axis}.toml"
 
     def take_steps(self) -> None:
-        """Identify, design, upload, and run side by side.
-
-        If no notch meets all requirements, a step notes it, and the comparison has no designed notch.
-        """
+        """Identify, design, upload, and run side by side."""
         for axis in self.axes:
             self.step(f"identify plant, axis {axis}", partial(self.identify_plant, axis), _plant_page(axis))
             self.step(f"identify transmission error, axis {axis}", partial(self.identify_ate, axis), _ate_page(axis))

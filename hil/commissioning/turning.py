@@ -100,10 +100,7 @@ def check_quick_stop(of: Checked) -> list[CheckEntry]:
 
 
 def _stopped(of: Checked, held: HeldAxis, going_on: Real, ramp_s: float) -> CheckEntry:
-    """Outcome of a quick stop, with set-points that go on meanwhile.
-
-    They count from the start and have the shape (n,); `ramp_s` is the duration of the drive's ramp.
-    """
+    """Outcome of a quick stop, with set-points (n,) that go on meanwhile."""
     name, began = "quick stop, moving", held.slot.position_rad
     took_s = held.command(QUICK_STOP, going_on.tolist())
     turned_rev = abs(held.slot.position_rad - began) / math.tau

@@ -225,10 +225,7 @@ class CancellationTable:
         return replace(self, waves=waves, **changed)
 
     def _added(self, other: "CancellationTable", part: Real) -> "CancellationTable":
-        """Return the table plus a part of another table.
-
-        Both have the same waves; the part has shape (waves, speeds).
-        """
+        """Return the table plus a part, shape (waves, speeds), of another table."""
         sums: dict[str, Any] = {}
         for name in ARRAYS:
             mine, more = getattr(self, name), getattr(other, name)

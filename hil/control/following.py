@@ -252,10 +252,7 @@ class FollowingLaw:
         return {each.order: complex(*self._factors[row, m]) for m, each in enumerate(self._orders[row])}
 
     def left(self, row: int) -> Mapping[float, tuple[complex, float]]:
-        """Return d of each order of an axis with its standard error.
-
-        The standard error is that of either component of d.
-        """
+        """Return d of each order of an axis with its standard error."""
         own, most = 2 * len(self._axes), self._order_states.shape[1]
         found = {}
         for m, each in enumerate(self._orders[row]):
@@ -272,8 +269,5 @@ class FollowingLaw:
         return {each.order: float(self._order_states["nearest"][row, m]) for m, each in enumerate(self._orders[row])}
 
     def given_up(self, row: int) -> tuple[float, ...]:
-        """Return the orders of an axis that were taken back.
-
-        Their factors reached their bounds.
-        """
+        """Return the orders of an axis that were taken back."""
         return tuple(each.order for m, each in enumerate(self._orders[row]) if self._order_states["given_up"][row, m] > 0.0)

@@ -36,10 +36,7 @@ class ServoConfig:
             raise ValueError(f"torque_limit_nm = {self.torque_limit_nm} must be above 0")
 
     def write(self, law: NDArray[Any]) -> None:
-        """Write gains and filters into one record of a `LAW` array.
-
-        The torque limit is an argument of `servo_step`.
-        """
+        """Write gains and filters into one record of a `LAW` array."""
         self.cascade.write(law["cascade_config"])
         for column in range(NOTCHES):
             notch: Notch | FixedFilter = self.notches[column] if column < len(self.notches) else NO_NOTCH
@@ -56,10 +53,6 @@ class Servo:
     """
 
     def __init__(self, config: ServoConfig, period_s: float) -> None:
-        """Lay out the record of the law.
-
-        It starts at angle 0, speed 0 and torque 0.
-        """
         if not period_s > 0.0:
             raise ValueError(f"period_s = {period_s} must be above 0")
         self.config = config

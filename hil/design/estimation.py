@@ -29,10 +29,7 @@ EVALUATIONS = 100
 
 
 class UnidentifiableError(ValueError):
-    """Error: the data are too few or too poor to identify anything.
-
-    It names the fault, the amount of data and the amount needed.
-    """
+    """Error: the data are too few or too poor to identify anything."""
 
     def __init__(self, what: str, value: float, needed: float, unit: str = "") -> None:
         """Keep the numbers."""

@@ -229,10 +229,7 @@ class Loop:
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def law_block(self, speed_rps: float = 0.0) -> "Block":
-        """Law −τ/θ_m as a discrete system, filters frozen at a motor speed.
-
-        It includes the whole samples of delay.
-        """
+        """Law −τ/θ_m as a discrete system, filters frozen at a motor speed."""
         blocks = [self._integral_block(), *(_biquad(filter_) for filter_ in self.filters(speed_rps))]
         blocks += [(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))] * self.delay_samples
         whole = self._feedback_block()

@@ -87,10 +87,7 @@ class RequirementCheck:
 
 
 class Judge:
-    """Judge of filters of one order, for a search.
-
-    It computes the parts that the filters share once.
-    """
+    """Judge of filters of one order, for a search."""
 
     def __init__(self, problem: NotchProblem, order: int, *, reserve: float = 0.01) -> None:
         """Compute the loops without the new filter.
@@ -194,10 +191,7 @@ class Judge:
         return score
 
     def _peaks_mm(self, row: int, case: int, notch: Notch) -> Real:
-        """Simulate the tip peaks of a plant with a filter in one case.
-
-        The search scores the best filters of the nominal plant again, for all plants: what was simulated is kept.
-        """
+        """Simulate the tip peaks of a plant with a filter in one case."""
         key = row, case, notch
         if key not in self._simulated:
             notches = (notch, *self.problem.fixed)
@@ -327,10 +321,7 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[fl
 
 
 def _margins(problem: NotchProblem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
-    """Compute margins by plant and speed.
-
-    Poles are computed anew only if a filter changes them.
-    """
+    """Compute margins by plant and speed."""
     loops = [problem.loop(member, wide) for member in problem.members]
     scanned = LoopFamily(loops, step=VERDICT_FREQUENCY_STEP).margins(wide, speeds)
     by_plant: dict[str, dict[float, Margins]] = {}

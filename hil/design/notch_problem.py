@@ -118,10 +118,7 @@ class DesignRamp:
         return cls(rate_rps_s, top, weight, is_own, period_s, rise_end, fall_begin, angle)
 
     def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Rows in which the speed rises, and rows in which it falls.
-
-        The rows are those of a simulated motion on this ramp; both masks have the shape (n,).
-        """
+        """Rows in which the speed rises and in which it falls; shapes (n,)."""
         time = motion.period_s * np.arange(len(motion.motor_speed_rps))
         return (time >= RAMP_REST_S) & (time < self.rise_end_s), time >= self.fall_begin_s
 

@@ -263,10 +263,7 @@ class _Scores:
         self.members, self.known, self.survivors = members, {}, None
 
     def __call__(self, points: Real) -> Real:
-        """Score points of the unit cube, shape (dimensions, filters).
-
-        The shape is the one that scipy gives.
-        """
+        """Score points of the unit cube, shape (dimensions, filters)."""
         notches = [self.space.notch(point) for point in points.T]
         at_most = np.full(len(notches), math.inf) if self.survivors is None else self.survivors
         wanted: dict[Notch, float] = {}

@@ -557,10 +557,7 @@ class PlantProblem:
         return left
 
     def residual(self, x: Real) -> Real:
-        """Residuals in standard deviations, real and imaginary parts.
-
-        The last ones are those of the priors (`priors`).
-        """
+        """Residuals in standard deviations, real and imaginary parts."""
         stacked = np.concatenate(self.left(x)) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         priors = [value / deviation for _, value, deviation in self._prior_values(x)]
         # the loss makes squares of these

@@ -74,10 +74,7 @@ LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
 
 
 class NoResonanceError(ValueError):
-    """Error: the ramp shows no resonance that is clearly the arm's.
-
-    The message gives the reason.
-    """
+    """Error: the ramp shows no resonance that is clearly the arm's."""
 
 
 @dataclass(frozen=True)
@@ -206,10 +203,7 @@ class _RampModel:
         return LEAST_END_RPS <= speed_rps <= self._top_rps / BEYOND_RESONANCE
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
-        """Columns of the model; shape (n, unknowns).
-
-        They are the orders, the ringing from the start, and the slow curve.
-        """
+        """Columns of the model; shape (n, unknowns)."""
         x = self._frequency / resonance_hz
         answer = 1.0 / (1.0 + 2j * damping * x - x**2)
         driven = scipy.fft.irfft(self._spectra * answer, self._length, axis=-1)[:, self._rows].T

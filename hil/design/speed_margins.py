@@ -69,10 +69,7 @@ class OpenLoops:
         self._bare = np.array(bare, dtype=np.complex128)
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Compute the margins with the filters frozen at each speed.
-
-        A switched filter acts within its hysteresis too.
-        """
+        """Compute the margins with the filters frozen at each speed."""
         filters = replace(self.law, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
         width = max(1, len(filters.notches))
         coefficients = np.zeros((len(speeds_rps), width, 5))

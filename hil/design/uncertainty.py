@@ -125,18 +125,12 @@ def _member(factors: Mapping[str, float], plant: TwoInertia, error: Transmission
 
 
 def plants_words(members: Sequence[Member]) -> str:
-    """Describe the plants of a design and how far they differ.
-
-    For example: `5 plants: f_a ±3 %, K_g ±3 %`.
-    """
+    """Describe the plants of a design and how far they differ."""
     return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the nominal plant only"
 
 
 def spread_words(members: Sequence[Member]) -> str:
-    """Describe the distance of the corners from the nominal plant.
-
-    For example: `f_a ±3 %, K_g ±3 %`.
-    """
+    """Describe the distance of the corners from the nominal plant."""
     names = list(dict.fromkeys(name for member in members for name in member.factors))
     reach = {name: max(abs(member.factors.get(name, 1.0) - 1.0) for member in members) for name in names}
     return ", ".join(f"{name} ±{100.0 * distance:.2g} %" for name, distance in reach.items())

@@ -227,10 +227,7 @@ class _Arm:
 
 
 def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
-    """Describe how far the bench file's bodies are from the measurement.
-
-    The words name the dip that is farthest; the list is empty without bodies.
-    """
+    """Describe how far the bench file's bodies are from the measurement."""
     with_bodies = [(row, row.bodies_hz) for row in measured if row.bodies_hz is not None]
     if not with_bodies:
         return []

@@ -61,25 +61,15 @@ class FoundScale:
 
 
 class RunJudge:
-    """Scales of the runs on a bench.
-
-    It keeps the resonances that ramps without treatment show, for the runs that follow.
-    """
+    """Scales of the runs on a bench."""
 
     def __init__(self, bench: Bench, identified: Identified | None = None) -> None:
-        """Begin without any run.
-
-        For an arm with several modes, the model file has the modes.
-        """
         self.bench, self._identified = bench, identified
         self._own: dict[int, Ringing] = {}
         self._why: dict[int, str] = {}
 
     def look(self, recording: Recording, axis: int) -> None:
-        """Look for the resonance of an axis in a ramp.
-
-        The ramp must be one without a treatment.
-        """
+        """Look for the resonance of an axis in a ramp."""
         try:
             self._own[axis] = own_ringing(recording, axis)
         except NoResonanceError as error:

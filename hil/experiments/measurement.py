@@ -111,10 +111,7 @@ class Measurement(Generic[R]):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
-        """Close the bus and write the result.
-
-        If something has been measured, an error is noted in the result instead of raised.
-        """
+        """Close the bus and write the result."""
         if self._given is None:
             self._channel.close()
         if error is not None:

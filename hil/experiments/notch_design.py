@@ -38,10 +38,6 @@ class InfeasibleError(HilError):
     exit_code: ClassVar[int] = 9
 
     def __init__(self, axis: int, what: str, missed: Sequence[RequirementCheck]) -> None:
-        """Keep the axis, a sentence, and the missed checks.
-
-        The sentence describes the search; the checks are those that the closest filter misses.
-        """
         self.axis, self.what, self.missed = axis, what, tuple(missed)
         super().__init__(f"axis {axis}: {what}{': ' if self.missed else ''}{'; '.join(map(str, self.missed))}")
 
@@ -177,10 +173,7 @@ def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
 
 @dataclass
 class _Series:
-    """Search of filters for several orders, one after the other.
-
-    Filters of other orders stay as they are given.
-    """
+    """Search of filters for several orders, one after the other."""
 
     problem: NotchProblem
     request: NotchDesignRequest
@@ -231,10 +224,7 @@ class _Series:
         )  # fmt: skip
 
     def _reason_against(self, order: int, result: SearchResult) -> InfeasibleError | None:
-        """Reason why an order gets no filter, or None.
-
-        The closest filter is kept for the report if it misses a margin.
-        """
+        """Reason why an order gets no filter, or None."""
         shapes = " or ".join(self.request.shapes)
         margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
         if margins:

@@ -192,10 +192,7 @@ def entries(
 def _stop_entry(
     judge: RunJudge, experiment: Experiment, result: RunResult, recording: str, repeated: int, trial: TrialVerdict
 ) -> RunEntry:
-    """Make the entry of a point-to-point move.
-
-    It judges what rings after the stop; the arguments are those of `entries`.
-    """
+    """Make the entry of a point-to-point move."""
     axis = experiment.axis or 0
     found = judge.found(axis)
     stop = judged_stop(judge.bench, axis, result, found, judge.rates(axis))

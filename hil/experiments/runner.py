@@ -290,10 +290,7 @@ class _ExperimentRuns:
         self.trial = replace(self.trial, following=entry)
 
     def _try_filters(self) -> None:
-        """Try designed filters.
-
-        If they raise the tip's peak, the runs are made without them.
-        """
+        """Try designed filters."""
         session, bench, axis = self._session, self._session.bench, self._experiment.axis
         scale = _trial_scale(bench, self._experiment, self._motion)
         model = None if axis is None else bench.axis[axis].model

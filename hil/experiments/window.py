@@ -87,10 +87,7 @@ def _judged(
 
 @dataclass(frozen=True)
 class JudgedStop:
-    """Ringing after a stop, and the verdict on it.
-
-    Without a ring-down there is no verdict.
-    """
+    """Ringing after a stop, and the verdict on it."""
 
     window: JudgedWindow
     ringing: RingDown | None = None

@@ -37,10 +37,7 @@ class Emergency:
 
 
 class _Line:
-    """SDO frames of one node.
-
-    While it waits for an answer, it reads the channel in the caller's thread.
-    """
+    """SDO frames of one node."""
 
     def __init__(self, network: "Network") -> None:
         self._network = network

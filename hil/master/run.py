@@ -199,10 +199,7 @@ class Run:
         return DISABLE_VOLTAGE if word is None else word
 
     def _take_over(self) -> None:
-        """Hold each enabled axis at its start, host-closed.
-
-        Others are still being enabled.
-        """
+        """Hold each enabled axis at its start, host-closed."""
         if self.bank is None:
             return
         for i, slot in enumerate(self.exchange.slots):
@@ -401,10 +398,7 @@ class Run:
         return False
 
     def stop(self, reason: str) -> SafetyStopError:
-        """Quick-stop all axes, and wait until they are disabled.
-
-        An error meanwhile does not end the stopping.
-        """
+        """Quick-stop all axes, and wait until they are disabled."""
         disabled = False
         for word in (QUICK_STOP, DISABLE_VOLTAGE):
             with contextlib.suppress(Exception):

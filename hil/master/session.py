@@ -128,10 +128,7 @@ class NodeSetup:
         return [*(axis.node for axis in (*axes, *self._exchange.watched)), *self._exchange.sensor.nodes]
 
     def _is_disabled(self, axis: DriveAxis) -> bool:
-        """True if a drive confirms by SDO that it is disabled.
-
-        If it does not, the command is sent once more.
-        """
+        """True if a drive confirms by SDO that it is disabled."""
         for attempt in range(2):
             try:
                 if attempt:

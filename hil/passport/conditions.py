@@ -63,10 +63,7 @@ class Design:
     names: tuple[str, ...]
 
     def effects(self, by_column: Real) -> dict[str, Real]:
-        """Parts that each condition has added to each run; shape (n,).
-
-        Effects by column have the shape (p,).
-        """
+        """Parts that each condition has added to each run; shape (n,)."""
         made: dict[str, Real] = {}
         for j, name in enumerate(self.names):
             made[name] = made.get(name, np.zeros(len(self.columns))) + by_column[j] * self.columns[:, j]

@@ -235,10 +235,7 @@ def date_axis(panel: Axes, dates: NDArray[np.datetime64], room: np.timedelta64, 
 
 
 def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:
-    """Draw the residual of a model, with its rms in the title.
-
-    `x` and `rest` have the shape (n,); `unit` is that of `rest`.
-    """
+    """Draw the residual of a model, with its rms in the title."""
     panel.axhline(0.0, **MARK)
     panel.plot(*thin(x, rest), label=names, **RESIDUAL)
     panel.set_title(f"{names}, rms {np.sqrt(np.mean(rest**2)):#.2g} {unit}")

@@ -191,10 +191,7 @@ class MeasuredResult(Result):
         self._unknown_keys = tuple(keys)
 
     def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
-        """Note which parts of the bench are emulated.
-
-        A part that did not answer has None.
-        """
+        """Note which parts of the bench are emulated."""
         parts = tuple(name for name, answer in answers.items() if answer)
         is_known = bool(answers) and None not in answers.values()
         self.emulated = True if parts else False if is_known else None

@@ -145,10 +145,7 @@ class SignalDecoder:
         self._fault_texts = {axis.node_id: Profile.load(axis.profile).fault_texts for axis in axes}
 
     def feed(self, heard: ReceivedFrames) -> SignalRows:
-        """Return the rows that these frames complete.
-
-        The mapping in force at the time of a frame applies to it.
-        """
+        """Return the rows that these frames complete."""
         is_answer = (heard["can_id"] & ~np.uint32(0x7F)) == FunctionCode.SDO_RESPONSE
         index = heard["data"] >> np.uint64(8) & np.uint64(0xFFFF)
         is_written = (

@@ -103,10 +103,7 @@ class _File(_Guarded):
 
 
 class _Viewer(_Guarded, WebSocketHandler):
-    """A page's connection: first past rows, then new ones.
-
-    They are sent as fast as the page takes them.
-    """
+    """A page's connection: first past rows, then new ones."""
 
     def open(self, *_args: str, **_kwargs: str) -> None:
         """Choose the source, and send its signals and past rows."""

@@ -30,10 +30,6 @@ class BusSource:
     is_live = True
 
     def __init__(self, listener: Listener, decoder: SignalDecoder, title: str) -> None:
-        """Begin with nothing.
-
-        The listener is not closed.
-        """
         self.title, self.past = title, Past()
         self.signals: tuple[Signal, ...] = ()
         self.events: deque[HeardEvent] = deque(maxlen=MOST_EVENTS)

@@ -142,10 +142,7 @@ class LineFraming:
 
 
 class LineDecoder:
-    """Decoder of lines into samples.
-
-    It skips the text before the first end of a line, which may be half a line.
-    """
+    """Decoder of lines into samples."""
 
     def __init__(self, framing: LineFraming) -> None:
         self.framing = framing

@@ -57,10 +57,6 @@ class TrialRefusedError(HilError):
     exit_code: ClassVar[int] = 9
 
     def __init__(self, words: str, trial: CancellationTrial | None = None) -> None:
-        """Keep the words.
-
-        If the trial could not judge an order, the cause is the sensor's noise.
-        """
         self.causes = ("noise",) if trial is not None and any(part.verdict == "not judged" for part in trial.parts) else ()
         super().__init__(words)
 

@@ -28,10 +28,7 @@ HALF = 0.5
 
 
 def without_reaction(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """Return the robot without the gear's reaction.
-
-    The gear's torque then does not act back through the ATE.
-    """
+    """Return the robot without the gear's reaction."""
     table = robot.axis[axis].model_copy(update={"gear_reaction": False})
     return robot.model_copy(update={"axis": {**robot.axis, axis: table}}), bench
 

@@ -196,10 +196,7 @@ def _digits(value: float) -> float:
 
 
 def file_text(table: Table) -> str:
-    """Return a robot or a bench as the text of its file.
-
-    Default values are left out. Reading the text gives the same robot or bench.
-    """
+    """Return a robot or a bench as the text of its file."""
     return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
 
 

@@ -449,10 +449,7 @@ def _has_arm(file: Path) -> bool:
 
 
 def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
-    """Return the axis with paths relative to the working directory.
-
-    They are those of its profile and EDS file; a bare name is a profile of the package.
-    """
+    """Return the axis with paths relative to the working directory."""
     changes = {}
     if "profile" in axis.model_fields_set:
         from drive_profiles.family.profile import is_name  # noqa: PLC0415 - slow to load, and our own drive has none

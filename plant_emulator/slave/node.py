@@ -164,17 +164,11 @@ class Slave:
 
     @property
     def waits_for_changes(self) -> bool:
-        """True if there are event-driven TPDOs.
-
-        `advance` must then be called when the owner may have changed an object.
-        """
+        """True if there are event-driven TPDOs."""
         return bool(self._pdo.event_driven)
 
     def listens(self, can_id: int) -> bool:
-        """Return True if the node processes frames of this identifier.
-
-        Other frames need not be passed to the node before `due`.
-        """
+        """Return True if the node processes frames of this identifier."""
         return can_id in self._routes
 
     @property

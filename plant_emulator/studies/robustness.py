@@ -186,10 +186,7 @@ class Study:
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """All unknowns, by the names of their columns.
-
-        If several axes move, the name begins with the axis' number.
-        """
+        """All unknowns, by the names of their columns."""
         found = []
         for number in self.axes:
             before = f"axis{number}_" if len(self.axes) > 1 else ""
@@ -289,10 +286,7 @@ class Study:
         return DrawnPlant(values | mine, robot), source
 
     def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
-        """Drop the lag of a current loop that settles too fast.
-
-        The plant's solver cannot follow a loop that settles within one of its steps.
-        """
+        """Drop the lag of a current loop that settles too fast."""
         if axis.current_time_constant_s >= self.robot.control_period_s / self.robot.plant_substeps:
             return axis
         return axis.model_copy(update={"current_time_constant_s": 0.0})

@@ -302,10 +302,7 @@ class RampsModel:
         return unknowns, self.signal - motion - matrix @ unknowns
 
     def difference(self, more: Arm, less: Arm, unknowns: Real) -> Real:
-        """Difference of all recordings with two arms; shape (n,).
-
-        It takes one transform instead of one for each unknown: what slopes by the arm are made of.
-        """
+        """Difference of all recordings with two arms; shape (n,)."""
         return np.concatenate([part.difference(more, less, unknowns) for part in self._parts])
 
     def block(self, frequency_hz: float, periods: float = 3.0) -> int:

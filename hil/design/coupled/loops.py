@@ -55,10 +55,7 @@ class ArmCase:
     others: tuple[Other, ...] = ()
 
     def pole_radius(self, law: Loop, speed_rps: float) -> float:
-        """Largest |z| with all loops closed.
-
-        The own filters are frozen at a motor speed.
-        """
+        """Largest |z| with all loops closed."""
         laws = {other.motor: other.loop.law_block(other.speed_rps) for other in self.others}
         laws[self.own] = law.law_block(speed_rps)
         free = {row: laws[motor] for row, motor in enumerate(sorted(laws))}
@@ -128,10 +125,7 @@ class ArmFamily:
         self._open = OpenLoops(law, frequency, law.controller(frequency) * np.array(angles))
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Compute the margins of every case.
-
-        The own filters are frozen at each speed; rows are those of `cases`.
-        """
+        """Compute the margins of every case."""
         return self._open.margins(notches, speeds_rps)
 
     def worst_pole(self, notches: Sequence[Notch], limit_rps: float) -> tuple[float, float, str]:

@@ -46,10 +46,7 @@ class AngleSection:
         return self.averaged_by(-(-len(self.signal) // most))
 
     def averaged_by(self, few: int) -> "AngleSection":
-        """Section with means of `few` neighbours each.
-
-        Samples that are left at the end are dropped.
-        """
+        """Section with means of `few` neighbours each."""
         if few == 1:
             return self
 

@@ -105,9 +105,6 @@ class DegreeChoice:
         return np.asarray(scipy.linalg.solve_triangular(self._triangle[:m, :m], self._basis[:, :m].T @ signals))
 
     def parts(self, degree: int, unknowns: Real) -> tuple[Real, Real]:
-        """Waves and slow part of one signal with given unknowns.
-
-        Each has the shape (n,).
-        """
+        """Waves and slow part of one signal with given unknowns; shapes (n,)."""
         m = self.waves
         return self._design[:, :m] @ unknowns[:m], self._design[:, m : m + degree + 1] @ unknowns[m:]

@@ -48,10 +48,7 @@ class ArmPrior:
     delay_error_s: float
 
     def moved(self, by: Sequence[float]) -> Arm:
-        """Arm with its parameters moved by some standard errors.
-
-        The parameters are resonance, damping and delay.
-        """
+        """Arm with its parameters moved by some standard errors."""
         return replace(
             self.arm,
             resonance_hz=self.arm.resonance_hz * math.exp(self.resonance_fraction * by[0]),
@@ -226,10 +223,7 @@ def refined_arm(rows: Rows, orders: Sequence[float], prior: ArmPrior) -> Refined
 
 
 def arm_section(through: ThroughArm, inside: slice, arm: Arm) -> AngleSection:
-    """Section of a recording for a given arm.
-
-    Its signal is without that of the motor's own motion.
-    """
+    """Section of a recording for a given arm."""
 
     def waves(orders: Sequence[float]) -> Real:
         return through.waves(arm, orders)[inside]

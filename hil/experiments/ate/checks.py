@@ -58,10 +58,6 @@ class AteNotIdentifiedError(HilError):
         is_of_orders: bool = False,
         causes: tuple[RefusalCause, ...] = (),
     ) -> None:
-        """Keep the quantity, its value, and the value that it must have.
-
-        `at_most` makes `needed` an upper bound; `is_of_orders` says that an order which is not in the set may be the cause.
-        """
         self.is_of_orders, self.causes = is_of_orders, causes
         self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""

@@ -166,10 +166,7 @@ def identify_on(
 
 
 def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledge) -> Reaction | None:
-    """Estimate the gear's reaction on its motor.
-
-    It comes from the torque of all passes; None if the knowledge has no motor side.
-    """
+    """Estimate the gear's reaction on its motor."""
     if knowledge.side is None:
         return None
     made = [each.recording for each in identification.passes]

@@ -411,10 +411,7 @@ def cancellation_on(session: Session, identified: Identified | None, motion: Mot
 def cancelled_orders(
     bench: Bench, identified: Identified | None, cancellation: Cancellation | None
 ) -> tuple[CancelledOrder, ...]:
-    """Orders of a cancellation by set-points, with their model's values.
-
-    The result is empty without a cancellation.
-    """
+    """Orders of a cancellation by set-points, with their model's values."""
     found = []
     for part in () if cancellation is None else cancellation.parts:
         model = treated_model(bench, identified, part.axis)

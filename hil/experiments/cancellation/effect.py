@@ -103,10 +103,7 @@ class Response:
         return response
 
     def varied(self, steps: Real) -> "Response":
-        """Change the response by some of its `LIKELY` deviations.
-
-        The steps are those of resonance, damping and delay; shape (3,).
-        """
+        """Change the response by some of its `LIKELY` deviations; shape (3,)."""
         stretch, damping, delay = (float(step) * likely for step, likely in zip(steps, LIKELY, strict=True))
         return replace(
             self, stretch=self.stretch * math.exp(stretch), damping=self.damping * math.exp(damping), delay_s=self.delay_s + delay
@@ -184,10 +181,7 @@ def alike(looks: Sequence[Look], used: Collection[Part]) -> list[Look]:
 
 
 class _Spectra:
-    """Transforms of one recording and of its waves.
-
-    The columns of any response follow from them.
-    """
+    """Transforms of one recording and of its waves."""
 
     def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
         period, self._count = recording.period_s, len(recording.time_s)
@@ -211,10 +205,7 @@ class _Spectra:
         return np.asarray(whole[..., self._rows])
 
     def columns(self, axis: AxisWaves, response: Response) -> Real:
-        """Columns of an axis; shape (rows, 2 orders + 2).
-
-        There are two for each order, then those of the planned motion.
-        """
+        """Columns of an axis; shape (rows, 2 orders + 2)."""
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
         lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
         return np.asarray(made * lever).T

@@ -68,10 +68,6 @@ class PassJudge:
     """
 
     def __init__(self, bench: Bench, identified: Identified | None, axis: int, known: Collection[float] = ()) -> None:
-        """Keep the bench, the axis and its known orders.
-
-        The response is that of the model file, or of the first pass' arm.
-        """
         self._known_orders = tuple(known)
         self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
         self._response: Response | None = None

@@ -85,10 +85,7 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """Find the remainder of the vibration and its cause; None if not shown.
-
-    There are no tables if the drives cancel.
-    """
+    """Find the remainder of the vibration and its cause; None if not shown."""
     with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())
     if not with_them or not without:
         return None

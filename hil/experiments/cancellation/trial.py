@@ -292,10 +292,7 @@ class Choice:
 
     @property
     def adder(self) -> CancellationAdder | None:
-        """Adder of one run, or None.
-
-        Each run needs a new one. None if the cancellation was refused, or the drives cancel.
-        """
+        """Adder of one run, or None."""
         return None if self.cancellation is None else self.cancellation.adder()
 
 

@@ -91,10 +91,7 @@ def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, le
 def _measured(
     row: ComparisonRow, run: RunEntry | None, area: float | None, change: TreatmentComparison | None, ended: str
 ) -> ComparisonRow:
-    """Fill a row with the numbers of its run.
-
-    A refused treatment has no numbers, since the run was made without it.
-    """
+    """Fill a row with the numbers of its run."""
     if run is None:
         return row.model_copy(update={"not_judged": ended or "not run"})
     values: dict[str, object] = {"recording": run.recording, "shaper": run.shaper}
@@ -121,10 +118,7 @@ def _moved(bench: Bench, experiment: Experiment) -> tuple[int, ...]:
 
 
 def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: RunEntry | None) -> ComplianceFactors | None:
-    """Compliance factors of a treatment, for the worst moved axis.
-
-    They are relative to no treatment with the loop closed on the same side.
-    """
+    """Compliance factors of a treatment, for the worst moved axis."""
     if run is None:
         return None
     moved = _moved(bench, experiment)
@@ -148,10 +142,7 @@ def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: Ru
 
 
 def _compliances(plan: ComparisonPlan, number: int, runs: Runs) -> Iterable[AxisCompliance]:
-    """Compliance of one axis with each treatment that was run.
-
-    Only treatments that change gains or filters count.
-    """
+    """Compliance of one axis with each treatment that was run."""
     entries: dict[tuple[str, str], AxisCompliance] = {}
     for experiment, setup in plan.setups.items():
         run = runs.get(_key_of(experiment))

@@ -274,10 +274,7 @@ class PlantIdentification:
         return self._with_modes(replace(data, tip=None), spring_nm_rad, estimate)
 
     def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
-        """Fit the plant, for an arm with several modes.
-
-        Their number is the one that the data support.
-        """
+        """Fit the plant, for an arm with several modes."""
         single = self._fit(data, spring_nm_rad, near)
         if self.bench.arm is None:
             return single

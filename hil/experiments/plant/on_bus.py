@@ -91,10 +91,7 @@ def run_identify_plant(
 def _perform(
     measurement: Measurement[PlantResult], session: Session, request: PlantRequest, reporter: Reporter
 ) -> PlantEvaluation:
-    """Identify a plant, and keep recordings, checks and remarks.
-
-    The result has them also if the identification fails.
-    """
+    """Identify a plant, and keep recordings, checks and remarks."""
     result, identification = measurement.result, PlantIdentification(session, request, reporter)
     try:
         return identification.perform()
@@ -111,10 +108,7 @@ def _perform(
 
 
 def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
-    """Enter an evaluation into a result.
-
-    Values are in SI units, each with its standard error.
-    """
+    """Enter an evaluation into a result."""
     estimate, travel = evaluation.estimate, evaluation.travel
     result.plan = ExcitationPlan(
         excitation=evaluation.excited,

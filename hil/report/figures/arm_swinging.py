@@ -139,10 +139,7 @@ class _Stage:
         self._points_m: list[Real] = []
 
     def draw_swing(self, panel: Axes, swings: list[Swing]) -> None:
-        """Draw the arm and the ellipse of its tip at a resonance.
-
-        The posture is that of the largest swing; each run has an ellipse. An empty panel without swings.
-        """
+        """Draw the arm and the ellipse of its tip at a resonance."""
         if not swings:
             panel.set_axis_off()
             return

@@ -141,10 +141,7 @@ class ComparedMotion:
         return figure
 
     def _shade(self, panel: Axes, recording: Recording) -> None:
-        """Shade the judged window, and limit the panel's time.
-
-        The time begins before the window of the fourth harmonic and ends behind that of the second.
-        """
+        """Shade the judged window, and limit the panel's time."""
         time, axis = recording.time_s, self.axis
         plotted.shade_judged(self.material, panel, axis, recording)
         if axis is None:

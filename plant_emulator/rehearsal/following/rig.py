@@ -144,10 +144,7 @@ class Rig:
         return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s)
 
     def _table(self, angles_rad: Real) -> CancellationTable:
-        """Return the feed-forward's table for a motion.
-
-        The master makes the same table from a whole identification.
-        """
+        """Return the feed-forward's table for a motion."""
         axis, sync_s, steps = self.axis, self.sync_s, np.abs(np.diff(angles_rad))
         pace = Pace(
             float(np.max(steps)) / sync_s / math.tau, float(np.quantile(np.abs(np.diff(angles_rad, 2)), 0.98)) / sync_s**2

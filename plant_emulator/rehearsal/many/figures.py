@@ -194,10 +194,7 @@ def facts(rows: Sequence[Row]) -> Drawing | None:
 
 
 def _fractions(panel: Axes, pairs: Any) -> None:
-    """Draw fractions of the true in groups along a fact.
-
-    The groups have equal sizes; equal facts stay together.
-    """
+    """Draw fractions of the true in groups along a fact."""
     values, holds = pairs[:, 0], pairs[:, 1]
     distinct = np.unique(values)
     if len(distinct) <= BINS:
