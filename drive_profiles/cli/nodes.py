@@ -177,11 +177,7 @@ def nmt(
 
 
 def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
-    """Wait until every node has sent its boot-up message.
-
-    Raises:
-        typer.Exit: One has not.
-    """
+    """Wait until every node has sent its boot-up message."""
     deadline = time.monotonic() + BOOT_S
     while missing := [node for node, boots in before.items() if bus.boots(node) <= boots]:
         bus.check()

@@ -247,11 +247,7 @@ class SdoPort:
         return None
 
     def _catch_up(self) -> None:
-        """Wait, after a time-out, until no older answer can arrive.
-
-        Raises:
-            NoAnswerError: The node answers nothing at all.
-        """
+        """Wait, after a time-out, until no older answer can arrive."""
         if not self._behind:
             return
         for address in _BARRIER:  # each once: of two answers to one object it would not be known which is the older

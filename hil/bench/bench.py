@@ -389,11 +389,7 @@ class Bench(Table):
             )
 
     def _check_arm(self, arm: ArmTable) -> None:
-        """Refuse a bench file that contradicts its arm's links.
-
-        Raises:
-            ValueError: An axis is not a joint of it, or the file has a planar chain beside it.
-        """
+        """Refuse a bench file that contradicts its arm's links."""
         if self.geometry is not None:
             raise ValueError("geometry and arm both define the tip; leave the geometry out")
         if arm.link:

@@ -73,9 +73,6 @@ def _check_up(address: Address) -> None:
     """Refuse an interface that is down.
 
     A socket can be bound to it, but would never receive a frame.
-
-    Raises:
-        BusUnavailableError: The interface is down.
     """
     try:
         flags = int(Path("/sys/class/net", address.channel, "flags").read_text(), 16)

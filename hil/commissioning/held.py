@@ -178,11 +178,7 @@ class HeldAxis(Run):
         return state_of(self.supervisor.network.read(axis.node, *address, DataType.UNSIGNED16, "status word"))
 
     def _cut(self) -> None:
-        """Disable the voltage of a drive that has not stopped.
-
-        Raises:
-            SafetyStopError: The drive has not confirmed it.
-        """
+        """Disable the voltage of a drive that has not stopped."""
         self.stopped = "it did not stop as required"
         if self.disable(DISABLE_VOLTAGE):
             return
@@ -208,9 +204,6 @@ class HeldAxis(Run):
         """Do something that a reason to stop may end.
 
         The axis is then brought to rest and disabled.
-
-        Raises:
-            SafetyStopError: The user wants it, or the drive has not confirmed that it is disabled.
         """
         if self.stopped is not None:
             return False

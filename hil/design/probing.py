@@ -286,9 +286,6 @@ def _inflation(correlation: Real, unknowns: int) -> float:
     """Ratio of the disturbance's power to that of the residual.
 
     The fit of `unknowns` unknowns takes a part of the disturbance away.
-
-    Raises:
-        ValueError: It has too few independent samples.
     """
     independent = _independent(correlation)
     if independent == 0.0:

@@ -317,9 +317,6 @@ def _rising(ramp: Ramp) -> tuple[int, int, Real]:
     """Find the rows of the ramp, and |f_m| in rev/s.
 
     The rows go from the first set-point that moves to just before the top speed; |f_m| has the shape (n,).
-
-    Raises:
-        NoResonanceError: The motor never moves.
     """
     moved = np.flatnonzero(ramp.reference_rad != ramp.reference_rad[0])
     if not len(moved):

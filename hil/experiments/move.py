@@ -221,11 +221,7 @@ def _session(
 
 
 def _planned(session: Session, request: MoveRequest) -> Move:
-    """Plan the move from the axis' present position.
-
-    Raises:
-        UnsafeRequestError: It would end beyond the limits.
-    """
+    """Plan the move from the axis' present position."""
     bench, axis = session.bench, session.axes[request.axis]
     limits = axis.table.limits
     here = axis.position_rad() / math.tau

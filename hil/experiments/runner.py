@@ -150,12 +150,7 @@ def run_experiments(
 
 
 def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
-    """Add the identified models to a bench.
-
-    Raises:
-        ValueError: It is to be the paper's robot, and is not.
-        NotPossibleError: The model file is another robot's.
-    """
+    """Add the identified models to a bench."""
     if is_paper and not bench.is_paper:
         raise ValueError(f"bench {bench.name!r} has reference = {bench.reference!r}; expected 'paper'")
     identified = knowledge.identified
@@ -168,11 +163,7 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
 def _set_up(
     bench: Bench, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> tuple[list[TreatmentSetup], list[tuple[Motion, ShaperEntry | None]]]:
-    """Set up each run, and its motion with its shaper.
-
-    Raises:
-        NotPossibleError: A treatment lacks its file, or has no meaning there.
-    """
+    """Set up each run, and its motion with its shaper."""
     setups, shaped = [], []
     for experiment in experiments:
         check_stop(experiment.is_stop, experiment.treatment, experiment.loop)
@@ -185,11 +176,7 @@ def _set_up(
 
 
 def _trial_scale(bench: Bench, experiment: Experiment, motion: Motion) -> TipScale:
-    """Scale of the trial of designed filters.
-
-    Raises:
-        NotPossibleError: No f_al is known.
-    """
+    """Scale of the trial of designed filters."""
     scale = motion_scale(bench, experiment.axis)
     if scale is None:
         what = f"{experiment.treatment}: designed filters are tried on the robot first, in the windows where orders meet f_al"

@@ -159,11 +159,7 @@ def treatment_setup(bench: Bench, name: TreatmentName, knowledge: Knowledge, per
 
 
 def _check_loop(row: Treatment, loop: str) -> None:
-    """Refuse a loop in which a treatment cannot act.
-
-    Raises:
-        NotPossibleError: The treatment cannot act in this loop.
-    """
+    """Refuse a loop in which a treatment cannot act."""
     if loop in row.loops:
         return
     if row.shaper is not None:
@@ -177,9 +173,6 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
     """Model of a cancellation, or None for the bench file's.
 
     It is None without a cancellation too.
-
-    Raises:
-        NotPossibleError: It needs a learnt model, and there is none.
     """
     if row.needs == "learnt" and knowledge.learnt is None:
         raise NotPossibleError(f"{row.name} needs a learnt cancellation; give --learnt learnt.toml, from hil learn")

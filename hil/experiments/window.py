@@ -152,11 +152,7 @@ def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScal
 
 
 def _check_cycles(bench: Bench, result: RunResult) -> None:
-    """Refuse a run that lacks too many answers.
-
-    Raises:
-        ValueError: It does; the message has the numbers.
-    """
+    """Refuse a run that lacks too many answers."""
     if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_MISSED * result.cycles:
         raise ValueError(
             f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "

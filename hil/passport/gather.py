@@ -210,9 +210,6 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
     """Return a run of the passport.
 
     Its hash is that of the measurement, whatever the file.
-
-    Raises:
-        ValueError: It is too large for a passport, or its date cannot be.
     """
     content = json.dumps([robot, axis, part.model_dump(mode="json", exclude={"emulated"})], sort_keys=True)
     phases, errors = part.values.phases_deg(), part.standard_error

@@ -131,11 +131,7 @@ _RUN_COLUMNS = tuple(each.name for each in fields(PassportRun) if each.name not 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """The file, with its tables; made if it is missing.
-
-    Raises:
-        PassportFileError: It is not a passport, another program's, damaged, in use, or cannot be written.
-    """
+    """The file, with its tables; made if it is missing."""
     try:
         with closing(sqlite3.connect(path, timeout=PATIENCE_S, isolation_level=None)) as connection:
             connection.row_factory = sqlite3.Row

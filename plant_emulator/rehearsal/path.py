@@ -209,11 +209,7 @@ class _Path:
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:
-    """Take a step; return how it ended.
-
-    Raises:
-        KeyboardInterrupt: A signal ended the motion; the user's interrupt is not a result of the robot.
-    """
+    """Take a step; return how it ended."""
     try:
         note = act()
     except InterruptedRunError as error:

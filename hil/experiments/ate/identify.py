@@ -240,11 +240,7 @@ def simulated(
 
 
 def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
-    """True if the ramps passed f_m2; False if the next ones can.
-
-    Raises:
-        AteNotIdentifiedError: Limits keep them from it, or no pass is left; with the limit that binds.
-    """
+    """True if the ramps passed f_m2; False if the next ones can."""
     arm_hz, direction = made.estimate.arm.resonance_hz, made.ramps.direction()
     needed = BEYOND_RESONANCE * arm_hz / 2.0
     ends = [int(np.flatnonzero(direction == sign)[-1]) for sign in (1, -1)]

@@ -292,11 +292,7 @@ def table_of(
 
 
 def _check_size(number: int, ate: TransmissionErrorTable) -> None:
-    """Refuse an error that no gear has.
-
-    Raises:
-        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
-    """
+    """Refuse an error that no gear has."""
     total = sum(ate.amplitudes_arcsec().values())
     if total > MAX_ERROR_ARCSEC:
         remedy = "no gear has as much; check the model file"

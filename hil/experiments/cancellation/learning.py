@@ -365,11 +365,7 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
 
 
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:
-    """Leave out wrong orders, after the last pass also those not judged.
-
-    Raises:
-        CancellationRefusedError: None is left.
-    """
+    """Leave out wrong orders, after the last pass also those not judged."""
     verdicts = learning.passes[-1].verdicts
     learning.left_out |= learning.correction.judged(verdicts, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
@@ -377,11 +373,7 @@ def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> N
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
-    """Table of the axis that is to be learnt.
-
-    Raises:
-        NotPossibleError: The passes are too few, or there is no such axis.
-    """
+    """Table of the axis that is to be learnt."""
     if passes < 2:
         raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
     bench.check_axis(axis)
@@ -428,9 +420,6 @@ def _fitted(watch: OrderWatch, learning: AxisLearning, orders: Sequence[float], 
     """Fit the transmission error to the passes so far.
 
     For an arm with several modes, those of its plant count beside it.
-
-    Raises:
-        NotPossibleError: The passes do not carry a fit.
     """
     start = learning.estimate.arm if learning.passes else None if plant is None else modal_arm(plant)
     is_near = len(learning.passes) >= SEARCHED_PASSES

@@ -131,11 +131,7 @@ def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
 
 
 def _of_line(bench: Bench, recording: Recording, of_axis: Rows) -> Rows:
-    """The rows of a line's window, or those of a single axis.
-
-    Raises:
-        NotPossibleError: The latter are too few.
-    """
+    """The rows of a line's window, or those of a single axis."""
     if len(recording.axes) > 1 and bench.line_motion is not None:
         begin, end = (bench.line_motion.dwell_s + each for each in line_window_s(bench.line_motion.duration_s))
         return np.asarray((recording.time_s >= begin) & (recording.time_s <= end))

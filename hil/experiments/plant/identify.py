@@ -172,9 +172,6 @@ class PlantIdentification:
         """Turn the motor a third of a turn and back.
 
         Faults that must not be found at full travel are found here.
-
-        Raises:
-            PlantNotIdentifiedError: Encoder, brake or arm are not as they must be.
         """
         self._reporter.step("a third of a turn and back")
         planned = probe_motion(self.bench, self.request, self.start_rev)
@@ -195,9 +192,6 @@ class PlantIdentification:
         """Estimate the plant roughly by short runs at small amplitudes.
 
         Returns also the room that the main run's excitation has.
-
-        Raises:
-            PlantNotIdentifiedError: There is no resonance in the band, or it is not seen at any amplitude within the limits.
         """
         band = pilot_band(self.request, self.bench.bus.sync_period_s)
         travel = self._travel(band, is_pilot=True)

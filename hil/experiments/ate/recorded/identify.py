@@ -212,9 +212,6 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     """Choose the signal that all files have beside the motor angle.
 
     `is_told_by_joints`: the joint's encoder gives the tip through a known plant.
-
-    Raises:
-        ContradictedError: There is none.
     """
     roles = set.intersection(*(set(each.column) for each in files))
     if "load" in roles and not request.sensorless and not (is_told_by_joints and "acceleration" in roles):
@@ -234,11 +231,7 @@ def _too_short(
     enough: Sequence[tuple[int, Recorded, list[MotionStretch]]],
     request: RecordedRequest,
 ) -> list[str]:
-    """Sentences on files without a stretch that is long enough.
-
-    Raises:
-        RecordedAteError: No file has one.
-    """
+    """Sentences on files without a stretch that is long enough."""
     words = []
     for (_, recorded, all_of), (_, _, long) in zip(moved, enough, strict=True):
         if not long:

@@ -145,11 +145,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 
 
 def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
-    """List the orders in the band of the motion; others are `not reached`.
-
-    Raises:
-        NotPossibleError: There is none.
-    """
+    """List the orders in the band of the motion; others are `not reached`."""
     assert learning.probed is not None  # noqa: S101 - of the first base run
     low, high = learning.scale.band_hz
     parts = []
@@ -187,11 +183,7 @@ class _Led:
 
 
 def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
-    """Settings that leave least, from the level or from a run.
-
-    Raises:
-        NotPossibleError: The motion is too short for so many orders.
-    """
+    """Settings that leave least, from the level or from a run."""
     try:
         return step_to_nothing(effects, None if run is None else run.felt_m_s2, SPREAD_ARCSEC)
     except ValueError as error:
@@ -260,9 +252,6 @@ def _told(learning: MotionLearning, led: _Led, least: float = CORNER_SIGMAS) -> 
     """Set insignificant orders to 0, and enter all outcomes.
 
     `least` are the standard errors from which an order is significant.
-
-    Raises:
-        MotionNotLearntError: None is.
     """
     vector = led.vector.copy()
     for index, part in enumerate(led.parts):
@@ -276,11 +265,7 @@ def _told(learning: MotionLearning, led: _Led, least: float = CORNER_SIGMAS) -> 
 
 
 def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
-    """Keep the significant orders, or also others if the tip is quieter so.
-
-    Raises:
-        MotionNotLearntError: It is quieter with neither.
-    """
+    """Keep the significant orders, or also others if the tip is quieter so."""
     vector, run = _told(learning, led), _run_of(led)
     if not np.array_equal(vector, led.vector):
         runs.say("once more with the significant orders only")
@@ -303,9 +288,6 @@ def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
     """Refuse a result that does not make the tip quieter.
 
     The peak must fall, and the whole must fall beyond the noise.
-
-    Raises:
-        MotionNotLearntError: It does not.
     """
     (peak, rms), (peak_with, rms_with) = learning.base_mm, peak_and_rms(run.moved_mm)
     noise = learning.noise_mm
