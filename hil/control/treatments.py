@@ -73,11 +73,6 @@ class Treatment:
         return not self.needs and self.gain_factor == 1.0
 
     @property
-    def is_combined(self) -> bool:
-        """True if filters act beside a cancellation."""
-        return bool(self.filters) and bool(self.cancels)
-
-    @property
     def is_shaper(self) -> bool:
         """True if a shaper acts, and nothing beside it."""
         return self.shaper is not None and not self.cancels

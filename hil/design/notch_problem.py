@@ -266,10 +266,6 @@ class NotchProblem:
         motion = follow(self.loop(member, notches), member.error, ramp.reference_rad, load_nm=load)
         return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 
-    def own_cases(self, count: int) -> list[int]:
-        """Cases of the user's own ramp among so many."""
-        return [0, *range(len(self.ramps), count)]
-
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:
         """Largest weighted tip peak of an order, in mm.
 
@@ -306,7 +302,7 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
         before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
         after_mm: Peaks of the same plant with them; while cases but the first still hold 0, no ratio is above the final one.
     """
-    own, is_order = problem.own_cases(len(after_mm)), np.array([each.order is not None for each in problem.ranges])
+    own, is_order = [0, *range(len(problem.ramps), len(after_mm))], np.array([each.order is not None for each in problem.ranges])
     least = np.where(is_order, WORSE_MM, np.maximum(WORSE_MM, np.max(after_mm[0, is_order])))
     ratios = np.max(after_mm[own] / np.maximum(before_mm[own], least[:, np.newaxis]), axis=(0, 2))
     whole = np.max(after_mm, axis=(0, 2)) / np.maximum(np.max(before_mm, axis=(0, 2)), least)

@@ -135,7 +135,8 @@ def run_experiments(
     ) as measurement:
         result, judge = measurement.result, RunJudge(bench, knowledge.identified)
         measurement.check_clock(clock)
-        check_bands(bench, experiments, motions)
+        for experiment, motion in zip(experiments, motions, strict=True):
+            check_band(bench, experiment, motion)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
             for experiment, (motion, shaper), setup, shows in zip(
                 experiments, shaped, setups, measurement.shows_filter, strict=True
@@ -383,16 +384,6 @@ def mean_of(results: list[RunResult]) -> RunResult:
         dropped_cycles=max(result.dropped_cycles for result in results),
         discarded=max(result.discarded for result in results),
     )
-
-
-def check_bands(bench: Bench, experiments: Sequence[Experiment], motions: Sequence[Motion]) -> None:
-    """Refuse SYNC periods at which a vibration could not be judged afterwards.
-
-    Raises:
-        NotPossibleError: A period is too long.
-    """
-    for experiment, motion in zip(experiments, motions, strict=True):
-        check_band(bench, experiment, motion)
 
 
 def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:

@@ -46,7 +46,7 @@ def arm_remark(bench: Bench, name: str) -> str | None:
 
     The reference arm's line is left at 0.012 mm by both, at 0.009 mm by the cancellation alone.
     """
-    if bench.arm is None or not treatment(name).is_combined:
+    if bench.arm is None or not (treatment(name).filters and treatment(name).cancels):
         return None
     return (
         f"{name}: on an arm, filters with a cancellation leave more vibration than the cancellation alone. The loops then "

@@ -113,7 +113,9 @@ def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, r
     frequency, amplitude = amplitude_spectrum(ringing.wave_m_s2, recording.period_s, "boxcar")
     peak, peak_hz = peak_of(frequency, amplitude, found.scale.peak_band_hz)
     covered = area(frequency, amplitude, shown_band(recording.period_s, found.scale.band_hz))
-    metrics = Metrics(ringing.largest_mm, ringing.rms_mm, peak, peak_hz, covered, noise_mm=NOISE_PEAK * ringing.largest_error_mm)
+    metrics = Metrics(
+        ringing.largest_mm, ringing.rms_mm, peak, peak_hz, covered, noise_mm=NOISE_PEAK * math.hypot(*ringing.error_mm)
+    )
     if found.doubt is not None:
         return JudgedStop(JudgedWindow(metrics, invalid=found.doubt), ringing)
     return JudgedStop(_verdict(metrics, ringing.largest_mm, bench.specification.tip_mm, found), ringing)

@@ -3,6 +3,7 @@
 All process data lie in the records of `cyclic.h`, which are packed and unpacked there.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import Any
@@ -18,7 +19,6 @@ from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CyclicMode
 from hil.master.drive.pdo import PdoSet
-from hil.master.joint_encoder import JointEncoder
 from hil.master.lateness import CycleSchedule
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock
@@ -103,6 +103,36 @@ class Slot:
     def torque_nm(self) -> float:
         """Last torque."""
         return float(self.data.torque_per_mille * self.data.nm_per_mille)
+
+
+class JointEncoder:
+    """Last position of a drive's second encoder, on the joint, from its own TPDO.
+
+    Attributes:
+        can_id: Identifier of its TPDO; 0 before it is mapped.
+    """
+
+    def __init__(self, axis: DriveAxis, records: Any, row: int) -> None:
+        encoder = axis.table.load_encoder
+        self.axis = axis
+        self.can_id = 0
+        self._records, self.data = records, records[row]  # a record does not keep its array
+        self.data.rad_per_count = math.nan if encoder is None else encoder.rad_per_count
+
+    def configure(self, pdos: PdoSet, *, with_notch_state: bool) -> None:
+        """Map the encoder's position into its TPDO; the drive is pre-operational."""
+        number = mapping.load_tpdo(self.axis.profile, with_notch_state=with_notch_state)
+        self.can_id = pdos.tpdo(number, mapping.load_position(self.axis.table, self.axis.profile))
+
+    @property
+    def has_answered(self) -> bool:
+        """True if the last cycle brought it."""
+        return bool(self.data.has_answered)
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the joint in the last cycle; NaN without an answer."""
+        return float(self.data.counts * self.data.rad_per_count) if self.data.has_answered else math.nan
 
 
 class CyclicExchange:

@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.control.arrays import Complex, Real
 from hil.design.estimation import EstimatedMode
@@ -109,7 +108,7 @@ class ModalProblem(PlantProblem):
 
     def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         super().__init__(data, timing, reduction_ratio, lever_m, gravity)
-        self._tip_lines = np.flatnonzero(data.frequency_hz < TIP_HZ)
+        self.tip_lines = np.flatnonzero(data.frequency_hz < TIP_HZ)
         self.first = WITHOUT_TIP if data.tip is None else WITH_TIP
         self.each = PART if data.tip is None else PART + 1
 
@@ -136,11 +135,6 @@ class ModalProblem(PlantProblem):
             more = [math.log(mode.inertia_kg_m2), math.log(2.0 * math.pi * mode.frequency_hz), math.log(mode.damping)]
             x = np.concatenate([x, more, [] if self.data.tip is None else [mode.tip_part or 0.0]])
         return x
-
-    @property
-    def tip_lines(self) -> NDArray[np.int64]:
-        """Lines on which the tip is used."""
-        return self._tip_lines
 
     def slots(self, x: Real) -> list[int]:
         """First unknown of each further mode."""

@@ -89,11 +89,6 @@ class RingDown:
         """Largest displacement that the waves can have together."""
         return math.fsum(self.amplitude_mm)
 
-    @property
-    def largest_error_mm(self) -> float:
-        """Standard error of that."""
-        return math.hypot(*self.error_mm)
-
 
 def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
     """Waves of an arm after a stop, by least squares.

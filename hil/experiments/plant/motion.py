@@ -141,14 +141,6 @@ def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
     return BusDemand(title, (request.axis,), bench.bus.sync_period_s, with_torque_offset=by_torque)
 
 
-def stretch_rev(bias_rps: float, period_s: float, periods: int) -> float:
-    """Motor turns of a stretch.
-
-    The stretch has one period to settle, the evaluated periods, and a ramp at either end.
-    """
-    return bias_rps * (period_s * (1 + periods) + RAMP_S)
-
-
 def plan_travel(
     bench: Bench, request: PlantRequest, band: Band, start_rev: float, excited: ExcitedSignal, *, is_pilot: bool = False
 ) -> Travel:
@@ -181,7 +173,8 @@ def plan_travel(
     for wanted_rps in (factor * band.bias_rps for factor in slower):
         for period_s, periods in _periods(request, is_pilot=is_pilot):
             bias = quiet_bias_rps(wanted_rps, period_s, periods)
-            length = stretch_rev(bias, period_s, periods)
+            # a period to settle, those that are evaluated, a ramp at either end
+            length = bias * (period_s * (1 + periods) + RAMP_S)
             needed = min(needed, length)
             if length > high - low:
                 continue
