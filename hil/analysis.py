@@ -304,8 +304,6 @@ DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "worst")
 class DirectionMetrics:
     """The tip's vibration along one direction of the base frame.
 
-    Or along the worst one; see `hil.tip_vector`.
-
     Attributes:
         unit: The direction, of length 1: the worst is that of the largest displacement; None if no f_al is known.
         tip_peak_mm: Largest |displacement|; None if no f_al is known.

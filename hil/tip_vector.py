@@ -98,8 +98,6 @@ def vector_metrics(
 ) -> dict[Direction, DirectionMetrics]:
     """Compute the metrics of the tip's vector by direction.
 
-    Along x, y, z and the worst direction.
-
     Args:
         acceleration_m_s2: The tip's acceleration in the base frame; shape (n, 3).
         period_s: Its sampling period.

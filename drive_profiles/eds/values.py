@@ -185,8 +185,6 @@ def flag(text: str) -> ValueReading:
 def text_of(content: int | float | str | bytes, data_type: int) -> str:
     """Write a value as text for a file.
 
-    This is the inverse of `value` for text that needs no remark.
-
     Raises:
         ValueError: The value is not of the type, or does not fit on a line.
     """

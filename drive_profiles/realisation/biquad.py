@@ -193,8 +193,6 @@ def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear"
 def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear") -> Quadratic:
     """Return the quadratic in s that a rule maps to a polynomial.
 
-    A constant factor does not matter; this is the inverse of `polynomial_of`.
-
     A root at or beyond s = 0 gives frequency 0 with damping ∞, a root at infinity gives frequency ∞ with damping 0.
     """
     c0, c1, c2 = polynomial

@@ -240,8 +240,6 @@ def _line(content: dict[str, Any]) -> bytes:
 def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
     """Make a parameter set of the values that the drive held.
 
-    The values are raw, the objects named by address.
-
     Raises:
         RefusedError: The snapshot has nothing that could be written back, or bytes that are not a value of their object's type.
     """

@@ -87,8 +87,6 @@ class Upload:
     def prepare(self) -> None:
         """Identify and check the drive, encode the set, read the values.
 
-        The drive must be disabled.
-
         Raises:
             DriveProfileError: It is another device, it is enabled, or a line cannot be written. The drive has only been read.
         """

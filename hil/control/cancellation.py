@@ -119,8 +119,6 @@ class CancellationLaw:
     ) -> None:
         """Lay out the arrays.
 
-        An axis whose table is None gets no additions.
-
         Args:
             torque_steps_nm: Step to which each axis' torque offset is rounded; 0: it is not rounded.
             speed_lowpass_hz: Corner of the low-pass that gives the motor speed.

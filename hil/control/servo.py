@@ -1,7 +1,4 @@
-"""The servo law of one axis for a caller in Python.
-
-`servo.h` has the law itself, which host and drive run.
-"""
+"""The servo law of one axis for a caller in Python."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -45,8 +42,6 @@ class ServoConfig:
 
 class Servo:
     """Law of one axis with its state.
-
-    The host-closed loop and tests call it from Python.
 
     Attributes:
         notch_state: The filters' memory, live: a `NOTCH_STATE` array of shape (1, NOTCHES).

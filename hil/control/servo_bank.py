@@ -17,8 +17,6 @@ class ServoBank:
     def __init__(self, configs: Sequence[ServoConfig], period_s: float) -> None:
         """Lay out the arrays.
 
-        Every axis starts at angle 0, speed 0 and torque 0.
-
         Raises:
             ValueError: `period_s` is not above zero.
         """

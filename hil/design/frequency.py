@@ -1,7 +1,4 @@
-"""Axis and loop in the frequency domain.
-
-The module has the plant, G_al, open loop, margins and closed-loop poles.
-"""
+"""Axis and loop in the frequency domain."""
 
 import math
 from dataclasses import dataclass

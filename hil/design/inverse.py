@@ -187,8 +187,6 @@ class _Image(NamedTuple):
 class Way:
     """Inputs that move the motor, and the demand on each.
 
-    The methods give set-point and torque offset per rad of motor motion and per N·m at the motor.
-
     Attributes:
         loop: Law, motor and filters.
         timing: Delays of the additions.

@@ -1,7 +1,4 @@
-"""Verdict on a variable notch, and the score of a search.
-
-The verdict has the margins at every speed, constraint (5), and the tip peaks on ramps.
-"""
+"""Verdict on a variable notch, and the score of a search."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,4 @@
-"""Axis for which a notch is to be designed.
-
-The module has the requirements, the ramps on which a filter is judged, and the speeds in which the tip is judged.
-"""
+"""Axis for which a notch is to be designed."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -122,8 +122,6 @@ def fit_plant(
 ) -> PlantEstimate:
     """Fit J_m, J_l, K_g and the dampings on the excited lines.
 
-    The method is weighted nonlinear least squares.
-
     Minimises Σ |Ȳ* − P(jω) Ū*|²/σ²(P) over the lines, with σ from the scatter of both between periods, jointly with the age of
     the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: its information on f_a
     and ζ needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Means and standard errors are

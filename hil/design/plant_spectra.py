@@ -63,8 +63,6 @@ class Spectra:
 def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: float) -> Spectra:
     """Compute the spectra of the periods of some stretches.
 
-    They are taken on the excited lines, after slow drifts are removed.
-
     A drift differs from the periodic signal in that it changes from period to period, so its removal leaves the signal whole.
 
     Args:

@@ -137,8 +137,6 @@ def scatter_of(rows: Real) -> RunScatter:
 def effects_of(settings: Real, rows: Real) -> Effects:
     """Fit level and effects to all runs by least squares.
 
-    Each row is fitted for itself.
-
     Args:
         settings: Settings of each run, repeated runs at the level included; shape (runs, settings).
         rows: What each run has shown; shape (runs, directions, rows).

@@ -50,8 +50,6 @@ def widened(notch: Notch) -> Notch:
 class OpenLoops:
     """Open loops of one law around several plants, by their responses.
 
-    The parts that do not depend on filters are computed once.
-
     Attributes:
         law: The loop that has gains, sampling time and delay; its plant does not count here.
     """

@@ -1,7 +1,4 @@
-"""Plants that an axis might have.
-
-They are the nominal plant and corners of its uncertainty.
-"""
+"""Plants that an axis might have."""
 
 import itertools
 import math

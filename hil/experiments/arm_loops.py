@@ -110,8 +110,6 @@ def _lacking_masses(arm: ArmTable) -> str | None:
 class _Masses:
     """Masses of an arm with its gears and motors.
 
-    The masses are those of the links' bodies, or identified ones.
-
     Attributes:
         joints: Motor and gear of each axis; None if the joint counts as rigid.
         known: Masses that were identified; None for the bodies of the arm's links.

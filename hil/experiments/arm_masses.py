@@ -57,8 +57,6 @@ class ArmNotIdentifiedError(HilError):
 def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
     """Fit the masses of a bench's arm to measured modes.
 
-    The modes are those that the axes show in several postures.
-
     Raises:
         NotPossibleError: The bench has no arm, the model file is another robot's, or it has too few postures.
         ArmNotIdentifiedError: The postures do not determine the masses, with the posture to add.

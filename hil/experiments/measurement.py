@@ -159,8 +159,6 @@ class Measurement(Generic[R]):
     ) -> Iterator[Session]:
         """Bring up a session that logs every frame.
 
-        The bus must carry the motions of `demands`.
-
         Raises:
             ProfileGapsError: Profiles lack what the motions need; nothing has been sent.
             NotPossibleError: The bus does not carry a motion; nothing has been sent.

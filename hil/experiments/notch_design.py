@@ -249,8 +249,6 @@ class _Series:
 def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float) -> ParameterSet:
     """Convert filters to a parameter set for `drive-profiles upload`.
 
-    The drive's other filters are switched off.
-
     Raises:
         NotPossibleError: The drive family has no variable notch.
         DriveProfileError: Its notch does not hold these values.

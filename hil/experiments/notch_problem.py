@@ -81,8 +81,6 @@ class NotchDesignRequest:
 def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: IdentifiedAxis | None = None) -> tuple[NotchProblem, float]:
     """Build the design problem of a request, and f_al in Hz.
 
-    `arm_loops` adds the loop on an arm.
-
     Orders of the request that the axis does not reach within its speed limit are not among the problem's.
 
     Raises:

@@ -146,8 +146,6 @@ def entries(
 ) -> list[RunEntry]:
     """Make the entries of one run.
 
-    There is one per order's window, or one for the line motion.
-
     Args:
         result: Result of the run; of several runs their mean.
         recording: Path of the recording, from the result's directory.
@@ -314,8 +312,6 @@ def _claim(claim: str, source: str, paper: Number, bench: Number, unit: str, hol
 
 def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
     """Check the paper's claims that the runs concern.
-
-    Each claim has the paper's number beside that of its robot here.
 
     Args:
         bench: The bench file of the paper's robot.

@@ -336,8 +336,6 @@ class Session:
     ) -> RunResult:
         """Make one run, with set-up before and restoration after it.
 
-        Set up, enable, settle, move and record, return, disable, restore.
-
         Args:
             filters: Filters that act: the drives' or, host-closed, the host's; or none.
             adder: Additions to the set-points of a drive-closed run.

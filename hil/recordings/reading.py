@@ -103,8 +103,6 @@ def _running(path: Path, column: Column, stamps: Real) -> Real:
 def open_source(path: Path, description: Path | None = None, node_id: int | None = None) -> Source:
     """A recording, by the suffix of its name.
 
-    The description (EDS, DCF, XDD or DBC file) decodes frames of a bus, sent by the drive at `node_id`.
-
     Raises:
         RecordingFileError: The format is not known, or the file cannot be read.
         MissingPackageError: The format needs a package that is not installed.

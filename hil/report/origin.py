@@ -1,7 +1,4 @@
-"""Origin of the numbers on a page: real robot, emulated, or both.
-
-Every page states it.
-"""
+"""Origin of the numbers on a page: real robot, emulated, or both."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

@@ -36,8 +36,6 @@ Columns = Sequence[tuple[str, Callable[[T], Cell]]]
 class ReportTable:
     """One table.
 
-    Cells that are not text begin with a number or a dash and are aligned to the right.
-
     Attributes:
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.

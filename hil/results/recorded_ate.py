@@ -1,7 +1,4 @@
-"""Result of `hil identify ate --recording`: a transmission error.
-
-The recordings come from elsewhere.
-"""
+"""Result of `hil identify ate --recording`: a transmission error."""
 
 from typing import Literal
 

@@ -1,7 +1,4 @@
-"""Result of `hil run` and of the demo's first part.
-
-Runs, changes by treatments, and the paper's claims.
-"""
+"""Result of `hil run` and of the demo's first part."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Rows of values from frames, one for each SYNC.
-
-A row has the values between its SYNC and the next.
-"""
+"""Rows of values from frames, one for each SYNC."""
 
 import math
 from collections.abc import Mapping

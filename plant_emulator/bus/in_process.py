@@ -148,8 +148,6 @@ class InProcessChannel(OneByOne):
     def inject(self, frame: Frame) -> None:
         """Put a frame on the bus as another participant.
 
-        The nodes and the client both receive it.
-
         The other participant stays on the bus: on a bus with bit times a frame without an answer waits in its queue for the
         next SYNC.
         """

@@ -99,8 +99,6 @@ class Drive(SlaveNode):
     def __init__(self, axes: Axes, number: int) -> None:
         """Join an axis to a node.
 
-        The node-ID is that of the robot file.
-
         Raises:
             DriveProfileError: There is no such profile, or its file or the EDS file has errors.
             ValueError: The profile is not a drive's.
@@ -202,8 +200,6 @@ class Drive(SlaveNode):
         """Process what the axis has done since the last call.
 
         It may have exceeded a limit, finished a stop, or come to the next set-point.
-
-        Call this after each advance of the axes.
         """
         row, signals = self.row, self._signals
         trip = signals.trip[row]

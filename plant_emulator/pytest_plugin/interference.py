@@ -41,8 +41,6 @@ def _nowhere(*_: object) -> NoReturn:
 class Interference:
     """Faults of frames, and planned actions, of one bus.
 
-    The bus sets the functions below.
-
     Attributes:
         frames: Faults of frames between bus and master.
         wire: Faults of frames on the wire; None if no bit times are emulated.

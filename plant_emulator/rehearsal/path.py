@@ -63,8 +63,6 @@ def run_path(
 ) -> PathRecord:
     """Run the documented path.
 
-    Its steps are plant, ATE, design, runs with every treatment, and learning.
-
     A refusal by the product raises nothing: the record states how each step ended. Ctrl-C and SIGTERM end the path.
 
     Args:

@@ -79,8 +79,6 @@ class Sensing:
 class OtherMode:
     """Mode of a coupled arm beside the one that is fitted.
 
-    Its values are those of the plant.
-
     Attributes:
         resonance_hz: Its frequency, with the motor held.
         part: Part of the tip's rigid motion that it carries.

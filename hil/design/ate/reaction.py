@@ -165,8 +165,6 @@ def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: Transmiss
     """Estimate the reaction r with its standard error.
 
     Returns None if no motion turns slowly enough to show it.
-
-    The motions are without a cancellation.
     """
     orders = tuple(order for order, size in error.amplitude_arcsec.items() if size > 0.0)
     if not orders:

@@ -121,8 +121,6 @@ class ModalProblem(PlantProblem):
     def start_with(self, motor: Real, modes: list[ArmMode]) -> Real:
         """Build all unknowns from the motor's values and some modes.
 
-        The first mode gives J_l, K_g and the dampings.
-
         Args:
             motor: J_m and D_m + D_l/N²; shape (2,).
         """

@@ -1,7 +1,4 @@
-"""Joint fit of all stretches of a recording.
-
-It has A_k and φ_k with standard errors, and the changes from stretch to stretch.
-"""
+"""Joint fit of all stretches of a recording."""
 
 import cmath
 import math

@@ -1,7 +1,4 @@
-"""Waves of all orders of a scan beside a stretch's slow part.
-
-They are made once, and show how much of any signal each order explains.
-"""
+"""Waves of all orders of a scan beside a stretch's slow part."""
 
 from collections.abc import Sequence
 

@@ -54,8 +54,6 @@ def fold_of(angle_rad: Real) -> NDArray[np.intp]:
 class DegreeChoice:
     """Choice of the degree for any signals of one stretch.
 
-    Everything that does not depend on the signals is computed once.
-
     One orthogonal basis serves all degrees: the waves come first, then the slow columns, degree by degree.
     """
 

@@ -1,7 +1,4 @@
-"""Stretches of a recording in which the motor turns one way.
-
-A stretch has no stop.
-"""
+"""Stretches of a recording in which the motor turns one way."""
 
 import math
 from dataclasses import dataclass

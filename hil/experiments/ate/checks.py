@@ -1,7 +1,4 @@
-"""Checks of a fitted transmission error.
-
-Each failure names the number that is wrong and the number needed.
-"""
+"""Checks of a fitted transmission error."""
 
 import math
 

@@ -115,8 +115,6 @@ def identify_on(
 ) -> Identification:
     """Run passes until the goal is met or none is left.
 
-    Every pass is kept before it is checked, the stopped one included.
-
     Raises:
         AteNotIdentifiedError: The runs do not identify it; with the number that is wrong and the number needed.
         SafetyStopError: A run was stopped.
@@ -411,8 +409,6 @@ def as_part(
     """Convert an estimate to an entry of the model file.
 
     An order that is not seen has the amplitude 0 in it.
-
-    The entry has the posterior mean of the reaction.
     """
     plant = knowledge.start or estimate.arm
     delay = delay_of(estimate, knowledge.gear_fraction_error, plant.damping)

@@ -1,7 +1,4 @@
-"""Run of `hil identify ate` on a bench.
-
-It makes passes on the bus, with their recordings and their result.
-"""
+"""Run of `hil identify ate` on a bench."""
 
 from dataclasses import dataclass
 from pathlib import Path

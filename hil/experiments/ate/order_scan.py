@@ -86,8 +86,6 @@ def identify_orders(
 ) -> JointEstimate:
     """Identify the requested orders that the ramps show.
 
-    The others have A_k and φ_k with their errors too; see `identify`.
-
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
 
@@ -131,8 +129,6 @@ def _top_rps(sweep: Sweep, over_s: float = 0.05) -> float:
 
 def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, estimate: JointEstimate) -> OrderScan:
     """Find the orders of the vibration behind an estimate.
-
-    The result has the power of each fitted order, and other orders that are seen.
 
     What is left over is taken off everything that the fitted orders could leave with another arm, each with its own, to first
     order in its frequency, damping and delay: a gear that is softer for small vibrations is not another order. What stands out

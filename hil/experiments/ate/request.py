@@ -1,7 +1,4 @@
-"""Request of an identification of the transmission error.
-
-The module also has the knowledge of the axis from which the identification starts.
-"""
+"""Request of an identification of the transmission error."""
 
 import math
 from collections.abc import Mapping

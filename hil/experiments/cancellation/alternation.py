@@ -1,7 +1,4 @@
-"""Runs of a motion without a treatment and with it.
-
-A trial compares the tip's peaks of these alternating runs.
-"""
+"""Runs of a motion without a treatment and with it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

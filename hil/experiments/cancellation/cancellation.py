@@ -69,8 +69,6 @@ class Pace(NamedTuple):
 class CancellationAdder:
     """Set-point adder of a cancellation.
 
-    It is a `hil.master.set_point_adder.CompiledAdder`; each run needs a new one.
-
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.
     """
@@ -387,8 +385,6 @@ def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with
 
 def cancellation_on(session: Session, identified: Identified | None, motion: Motion, **way: Unpack[Way]) -> Cancellation:
     """Make the cancellation of a motion on a session.
-
-    Control periods and scales come from the drives; the limits are checked.
 
     Raises:
         NotPossibleError: As `cancellation_for`.

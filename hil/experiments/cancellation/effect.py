@@ -64,8 +64,6 @@ class Part(NamedTuple):
 class Response:
     """Response X of the arm to its transmission error.
 
-    It is seen by the accelerometer.
-
     Attributes:
         known: The loop around the model; or, where nothing but the arm on its gear is known, that.
         stretch: Factor of the resonance.

@@ -1,7 +1,4 @@
-"""Cancellation that follows the vibration in a run.
-
-The module makes its additions to the set-points, and records what becomes of each order.
-"""
+"""Cancellation that follows the vibration in a run."""
 
 import math
 from collections.abc import Sequence
@@ -83,8 +80,6 @@ class FollowingSetUp:
 @dataclass
 class FollowingAdder:
     """Set-point adder of a cancellation that follows.
-
-    It is a `hil.master.set_point_adder.SensingAdder`; each run needs a new one.
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.

@@ -1,7 +1,4 @@
-"""Run of `hil learn`: adaptive cancellation of some axes.
-
-It records passes on the bus, and writes the estimates to the model file.
-"""
+"""Run of `hil learn`: adaptive cancellation of some axes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -124,8 +121,6 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
 
 def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | None:
     """Load the model file, with the plants of another file.
-
-    The former need not exist.
 
     Raises:
         FileError: A file is not a model file.

@@ -1,7 +1,4 @@
-"""Result of a cancellation's trial.
-
-It has the runs, the verdict on each part, and the refusal if none passes.
-"""
+"""Result of a cancellation's trial."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

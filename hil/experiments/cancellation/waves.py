@@ -1,7 +1,4 @@
-"""Waves of a motion's axes, for the fit of `effect`.
-
-They have the levers of the tip, the planned motion, and the rows that count.
-"""
+"""Waves of a motion's axes, for the fit of `effect`."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence

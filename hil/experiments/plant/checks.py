@@ -1,7 +1,4 @@
-"""Checks of an identified plant.
-
-Each failure names the number that is wrong and the number needed.
-"""
+"""Checks of an identified plant."""
 
 import math
 from dataclasses import dataclass

@@ -118,8 +118,6 @@ class PlantIdentification:
     def perform(self) -> PlantEvaluation:
         """Make all runs and fit the plant.
 
-        The runs are the probe, the pilot, the slow run and the main runs.
-
         Raises:
             PlantNotIdentifiedError: The data do not identify the plant; with every reason.
             SafetyStopError: A run was stopped.

@@ -128,8 +128,6 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
 def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
     """Demand of the runs on the bus.
 
-    An excitation of the torque is one more object in each command.
-
     Raises:
         NotPossibleError: The bench has no such axis.
     """

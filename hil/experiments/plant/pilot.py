@@ -98,8 +98,6 @@ def predicted_peaks(
 ) -> Peaks:
     """Predict the peaks under an excitation of 1 N·m.
 
-    The plant is roughly known, and is in the drive's loop.
-
     Args:
         excited: Signal to which the excitation is added.
         law: The drive's gains.

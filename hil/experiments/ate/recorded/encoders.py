@@ -1,7 +1,4 @@
-"""Joint angle against motor angle, from two encoders.
-
-The module computes the difference through the gear, and the ratio that both encoders show.
-"""
+"""Joint angle against motor angle, from two encoders."""
 
 import functools
 from collections.abc import Sequence

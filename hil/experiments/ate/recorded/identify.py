@@ -138,8 +138,6 @@ def identify_recorded(
 ) -> RecordedAteResult:
     """Identify a transmission error from recordings.
 
-    The result and the page's curves are written into a directory.
-
     Args:
         bench: Bench with lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.

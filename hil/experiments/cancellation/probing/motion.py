@@ -1,7 +1,4 @@
-"""Recordings of a probed motion.
-
-The module chooses their rows, the orders that the motion reaches, and the values that judge a run.
-"""
+"""Recordings of a probed motion."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,4 @@
-"""Run of `hil learn --motion`: learning on a motion.
-
-It records runs on the bus, and writes the result to the model file.
-"""
+"""Run of `hil learn --motion`: learning on a motion."""
 
 import cmath
 import datetime

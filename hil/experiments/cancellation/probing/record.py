@@ -1,7 +1,4 @@
-"""Record of learning on a motion.
-
-It has the runs, and the outcome of each order.
-"""
+"""Record of learning on a motion."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

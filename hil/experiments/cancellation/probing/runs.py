@@ -1,7 +1,4 @@
-"""Runs of a motion that is probed.
-
-They are made without a cancellation, with probes, and with the resulting settings.
-"""
+"""Runs of a motion that is probed."""
 
 import math
 from collections.abc import Mapping, Sequence
