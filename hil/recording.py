@@ -171,10 +171,7 @@ Logged = LoggedFrame | LoggedMessage | LoggedCycles
 
 
 class BusLog:
-    """Log of every frame of the master.
-
-    In memory while an axis moves, written to the file between the motions.
-    """
+    """Log of every frame of the master."""
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
         self.is_on = path is not None

@@ -41,10 +41,7 @@ class Swing:
 
     @cached_property
     def half_axes_mm(self) -> tuple[Real, Real]:
-        """Long and short half-axis of the ellipse; shape (3,) each.
-
-        In the frame of the amplitude.
-        """
+        """Long and short half-axis of the ellipse; shape (3,) each."""
         turned = self.amplitude_mm * cmath.exp(-0.5j * cmath.phase(complex(self.amplitude_mm @ self.amplitude_mm)))
         return np.real(turned), np.imag(turned)
 

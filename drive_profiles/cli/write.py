@@ -179,7 +179,6 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> ParameterSet:
-    """Make a parameter set of single values."""
     from drive_profiles.parameter_set.parameters import CLASSES, Item, ParameterSet
     from drive_profiles.standard.cia301 import DataType
     from drive_profiles.standard.object_address import address_text

@@ -160,10 +160,7 @@ class Document:
 
 
 def section_id(name: str) -> str:
-    """Return the key of a section.
-
-    For an object it is number and sub-index as canopen writes them, else the folded name.
-    """
+    """Return the key of a section."""
     name = name.strip(BLANK)
     match = _OBJECT.fullmatch(name)
     if match is None:

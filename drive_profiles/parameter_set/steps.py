@@ -27,10 +27,7 @@ def pdo_of(address: ObjectAddress) -> int | None:
 
 
 def support(addresses: Iterable[ObjectAddress]) -> set[ObjectAddress]:
-    """Return further objects to read before these can be written.
-
-    They are the COB-ID and the number of mapped objects of each PDO.
-    """
+    """Return further objects to read before these can be written."""
     records = {record for address in addresses if (record := pdo_of(address)) is not None}
     return {needed for record in records for needed in ((record, 1), (record + _MAPPING_OFFSET, 0))}
 

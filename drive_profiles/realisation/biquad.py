@@ -261,10 +261,7 @@ def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], fl
 
 
 def _roots_about_one(descending: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return a polynomial's roots, shifted by 1 to w.
-
-    The polynomial is in z = 1 + w; complex roots are exactly paired.
-    """
+    """Return a polynomial's roots, shifted by 1 to w."""
     shifted = descending.copy()
     for last in range(len(shifted) - 1, 0, -1):  # repeated synthetic division by z − 1
         for n in range(1, last + 1):

@@ -139,7 +139,6 @@ def _in_roles(profile: Profile, wanted: dict[str, float]) -> tuple[dict[str, flo
 def _held(
     profile: Profile, role: str, entry: Gain, gain: float, torque_constant_nm_a: float | None, scaling: Scaling | None
 ) -> float:
-    """Return the value that the parameter holds for a gain."""
     name, parameter = entry.parameter, profile.parameter(entry.parameter)
     if entry.factor is None:
         raise NotRealisableError(profile.label, (f"the scaling of {name} ({parameter.written_address}) is not known",))

@@ -103,7 +103,6 @@ _STAMP = "%Y%m%dT%H%M%S"
 
 
 def _stamp_ns(path: Path) -> int | None:
-    """Return the stamp in a journal's name in ns, or None."""
     stamp = re.fullmatch(r"node\d+-(\d{8}T\d{6})-(\d{9})", path.stem, re.ASCII)
     if stamp is None:
         return None

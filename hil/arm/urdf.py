@@ -46,8 +46,6 @@ class UrdfChain:
 
 @dataclass
 class _Joint:
-    """A joint as the file has it."""
-
     name: str
     kind: str
     parent: str
@@ -58,8 +56,6 @@ class _Joint:
 
 @dataclass
 class _File:
-    """A file while it is read."""
-
     path: Path
     links: dict[str, Element] = field(default_factory=dict)
     joints: list[_Joint] = field(default_factory=list)
@@ -225,10 +221,7 @@ def _chain(file: _File) -> list[tuple[_Joint | None, list[tuple[str, Real, Real]
 
 
 def _fixed_to(file: _File, start: str) -> tuple[list[tuple[str, Real, Real]], list[tuple[_Joint, tuple[Real, Real]]]]:
-    """Return a link's fixed links, and the turning joints on them.
-
-    Each in the frame of that link.
-    """
+    """Return a link's fixed links, and the turning joints on them."""
     children: dict[str, list[_Joint]] = {}
     for joint in file.joints:
         children.setdefault(joint.parent, []).append(joint)

@@ -491,7 +491,6 @@ T = TypeVar("T", AxisTable, AccelerometerTable)
 
 
 def _with_profile_in(folder: Path, table: T) -> T:
-    """Return the table with an absolute path of its profile."""
     if file_of(table.profile, folder) is None:
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

@@ -123,10 +123,7 @@ class SocketCanChannel(RawChannel, OneByOne):
             raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None when none came in time.
-
-        Frames lost before it are counted.
-        """
+        """The next frame, or None when none came in time."""
         if self._lost is not None:
             raise self._lost
         while True:

@@ -241,10 +241,7 @@ class CancellationTable:
         return self._largest(self.largest_torques_nm(), up_to_rps)
 
     def largest_torques_nm(self) -> Real:
-        """Return |G| of the torque offset; shape (waves, speeds).
-
-        It holds at any acceleration and load for which G changes.
-        """
+        """Return |G| of the torque offset at any load; shape (waves, speeds)."""
         return self._at_most(self.torque, self.torque_bend, self.load_torque)
 
     def largest_speed_rps(self, up_to_rps: float) -> float:
@@ -274,10 +271,7 @@ class CancellationTable:
         return float(np.sum(np.abs(self.reference[:, 0])))
 
     def _largest_gains(self) -> Real:
-        """Return |G| of the set-points; shape (waves, speeds).
-
-        It holds at any acceleration and load for which G changes.
-        """
+        """Return |G| of the set-points at any load; shape (waves, speeds)."""
         return self._at_most(self.reference, self.bend, self.load_reference)
 
     def _at_most(self, gain: Complex, bend: Complex | None, load: Complex | None) -> Real:

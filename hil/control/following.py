@@ -161,10 +161,7 @@ class SecondDifference:
 
 
 class FollowingLaw:
-    """Observer of all axes of a motion, with their factors w.
-
-    The cancellations are multiplied by these factors.
-    """
+    """Observer of all axes of a motion, with their factors w."""
 
     def __init__(
         self,

@@ -79,10 +79,7 @@ class Treatment:
 
     @property
     def is_remedy(self) -> bool:
-        """True if the tip is meant to keep the specification.
-
-        The other treatments are for comparison.
-        """
+        """True if the tip is meant to keep the specification."""
         return self.filters == "variable" or bool(self.cancels)
 
 

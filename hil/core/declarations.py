@@ -18,10 +18,7 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
 def _headers(path: Path, root: Path, known: dict[Path, str]) -> None:
-    """Read a header and those that it includes into `known`.
-
-    Each is read once; included ones come first.
-    """
+    """Read a header and those that it includes into `known`."""
     if path in known:
         return
     text = path.read_text(encoding="utf-8")

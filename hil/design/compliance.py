@@ -62,9 +62,6 @@ def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
 
 
 def judged_speeds(loop: Loop, count: int = 9) -> tuple[float, ...]:
-    """List the motor speeds at which a loop is judged.
-
-    These are rest, and `count` speeds from end to end of each filter that follows the motor speed.
-    """
+    """List the motor speeds at which a loop is judged."""
     inside = [speed for notch in loop.notches for speed in np.linspace(notch.start_rps, notch.end_rps, count).tolist()]
     return (0.0, *inside)

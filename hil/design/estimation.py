@@ -39,10 +39,7 @@ class UnidentifiableError(ValueError):
 
 @dataclass(frozen=True)
 class EstimatedParameter:
-    """Number with its standard error.
-
-    The standard error is 0 only if nothing was estimated.
-    """
+    """Number with its standard error."""
 
     value: float
     standard_error: float

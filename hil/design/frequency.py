@@ -362,10 +362,7 @@ class Margins:
 
 
 def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
-    """Compute margins with the filters frozen at a motor speed.
-
-    Sampling time and delay are those of the loop.
-    """
+    """Compute margins with the filters frozen at a motor speed."""
     grid = np.geomspace(0.5, 0.49 / loop.period_s, points)
     lines = [notch.order * speed_rps for notch in loop.notches if speed_rps > 0.0]
     extra = [np.linspace(0.9 * line, 1.15 * line, 801) for line in lines]

@@ -147,10 +147,7 @@ class Judge:
         ]
 
     def _line_ratio(self, notch: Notch) -> float:
-        """Ratio of |G_al| on the line to constraint (5), worst plant.
-
-        The ratio is computed from |X|, for which the bound is the same at every speed.
-        """
+        """Ratio of |G_al| on the line to constraint (5), worst plant."""
         speeds = np.linspace(notch.start_rps, notch.end_rps, SEARCH_SPEEDS)
         inside = self._family.gain_on_the_line((notch, *self.problem.fixed), self.order, speeds)
         outside = self._bare_gain[:, (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)]
@@ -262,17 +259,11 @@ class NotchVerdict:
 
     @property
     def is_harmless(self) -> bool:
-        """True if the filters keep all margins and raise no peak.
-
-        Only limits of the tip may be missed.
-        """
+        """True if the filters keep all margins and raise no peak."""
         return all(check.holds or check.is_tip_limit for check in self.checks)
 
     def worst(self, name: str) -> float:
-        """Worst M_s, phase margin or gain margin, by its name.
-
-        It covers the axis by itself and on the arm.
-        """
+        """Worst M_s, phase margin or gain margin, by its name."""
         found = [check for check in self.checks if check.name in (name, f"{name}{ON_THE_ARM}")]
         return (max if found[0].is_ceiling else min)(check.value for check in found)
 
@@ -392,10 +383,7 @@ def _arm_check(
 
 
 def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[RequirementCheck]:
-    """Check how far filters raise the tip peaks.
-
-    Each ratio is that of its worst plant. The peaks are those in the speeds of every order and between them.
-    """
+    """Check how far filters raise the tip peaks."""
     worst: dict[float | None, tuple[Rise, str]] = {}
     for member, bare in zip(problem.members, problem.bare_mm, strict=True):
         for rise in rises(problem, bare, peaks_mm[member.label]):

@@ -72,7 +72,6 @@ class DesignRamp:
     Attributes:
         rate_rps_s: Rate up and down.
         weight: Weight of its peaks in what a search minimises; that of the user's own motion is 1.
-        is_own: True for the user's own motion, on which the tip must keep its limit.
         period_s: Sampling time of `reference_rad`.
         reference_rad: θ_ref; shape (samples,).
     """
@@ -80,7 +79,6 @@ class DesignRamp:
     rate_rps_s: float
     top_rps: float
     weight: float
-    is_own: bool
     period_s: float
     rise_end_s: float
     fall_begin_s: float
@@ -89,7 +87,7 @@ class DesignRamp:
     @classmethod
     def of(
         cls, rate_rps_s: float, low_rps: float, limit_rps: float, top_rps: float, f_al_hz: float, period_s: float,
-        weight: float, *, is_own: bool,
+        weight: float,
     ) -> "DesignRamp":  # fmt: skip
         """Lay out a ramp.
 
@@ -99,7 +97,6 @@ class DesignRamp:
             top_rps: Speed to which the rise leads, where the limit allows it.
             f_al_hz: Peak of |G_al|.
             weight: Weight of its peaks in a search.
-            is_own: True for the user's own motion.
         """
         turn_s = SETTLE_PERIODS / f_al_hz
         top = min(top_rps, limit_rps - float(_gain(0.5)) * rate_rps_s * turn_s)
@@ -112,7 +109,7 @@ class DesignRamp:
         rising = rate_rps_s * np.clip(time - RAMP_REST_S, 0.0, rise_end - RAMP_REST_S)
         speed = rising + rate_rps_s * (turn_s * _gain(part) - np.clip(time - fall_begin, 0.0, None))
         angle = 2.0 * math.pi * period_s * np.concatenate([np.zeros(1), np.cumsum(speed)])
-        return cls(rate_rps_s, top, weight, is_own, period_s, rise_end, fall_begin, angle)
+        return cls(rate_rps_s, top, weight, period_s, rise_end, fall_begin, angle)
 
     def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Rows in which the speed rises and in which it falls; shapes (n,)."""
@@ -134,10 +131,7 @@ class SpeedRange:
 
 
 def _gain(part: Real | float) -> Real:
-    """Gain of speed over a part, 0 to 1, of a turn, over rate and duration of the turn.
-
-    The rate goes from 1 to −1 with one wave on top, so that it has no corner.
-    """
+    """Gain of speed over a part, 0 to 1, of a turn, over rate and duration of the turn."""
     return np.asarray(part - np.square(part) + (1.0 - np.cos(2.0 * math.pi * part)) / (2.0 * math.pi**2))
 
 

@@ -217,10 +217,7 @@ def _components(window: _Window, orders: Real, turns: float, waves: Real, step: 
 
 
 def _inverse(square: Real) -> Real:
-    """Pseudo-inverse of a positive semidefinite matrix, by its eigenvalues.
-
-    Eigenvalues that are zero but for rounding are left out.
-    """
+    """Pseudo-inverse of a positive semidefinite matrix, by its eigenvalues."""
     values, vectors = np.linalg.eigh(square)
     kept = values > 1e-15 * values[-1]
     vectors = vectors[:, kept]
@@ -268,10 +265,7 @@ def _shown(window: _Window, orders: Real) -> NDArray[np.bool_]:
 
 
 def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Real, turns: float) -> Iterator[_Window]:
-    """Cut the motion into windows along the motor angle.
-
-    Windows lie within stretches in which the motor turns one way.
-    """
+    """Cut the motion into windows along the motor angle."""
     angle, signal = np.asarray(motor_angle_rad, dtype=np.float64), [np.asarray(each, dtype=np.float64) for each in signals]
     for each in signal:
         if angle.shape != each.shape or angle.ndim != 1:

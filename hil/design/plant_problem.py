@@ -367,10 +367,7 @@ class PlantProblem:
     # -- unknowns ------------------------------------------------------------------------------------------------------
 
     def first_guesses(self) -> list[Real]:
-        """List the starts of the fit, the likeliest first.
-
-        They come from dip and peak of the response; if images hide those, also from trials.
-        """
+        """List the starts of the fit, the likeliest first."""
         none = np.zeros_like(self.excitation)
         torque = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], none)
         response = self._measured[0] / torque
@@ -383,10 +380,7 @@ class PlantProblem:
         return guesses if self._folded is None else [*guesses[:2], *self._tried()]
 
     def _tried(self) -> list[Real]:
-        """Try many plants and return the likeliest one or two.
-
-        The trials have f_a on a grid, some ratios of inertia, and total inertias around that of the lowest lines.
-        """
+        """Try many plants and return the likeliest one or two."""
         low = slice(0, max(2, len(self.jw) // 20))
         unlagged = np.array([0.0] * AGE + [0.5 * self.timing.control_s])
         felt = self.torque(unlagged, self._measured[1], np.zeros_like(self.excitation))
@@ -454,18 +448,12 @@ class PlantProblem:
         return unknowns if len(unknowns) == len(fresh) else fresh
 
     def is_inside(self, x: Real) -> bool:
-        """True if both resonances are in the band, or little above it.
-
-        Resonances further above are made of the images of a slow SYNC.
-        """
+        """True if both resonances are in the band, or little above it."""
         plant, frequency = self.plant(x), self.data.frequency_hz
         return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
 
     def bounds(self, x: Real, *, are_times_held: bool = False) -> tuple[Real, Real]:
-        """Bounds of one round of the fit around x.
-
-        They allow what physics allows, and no change that is too large to be trusted.
-        """
+        """Bounds of one round of the fit around x."""
         low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
         for unknown in (J_M, J_L, K_G, DAMPING, LEVER)[: 5 if self.data.tip is not None else 4]:
             low[unknown], high[unknown] = x[unknown] - LARGEST_CHANGE, x[unknown] + LARGEST_CHANGE
@@ -487,10 +475,7 @@ class PlantProblem:
         return np.array(sizes[: len(x)])
 
     def focus(self, f_a: float) -> None:
-        """Restrict the tip's residuals to lines around an antiresonance.
-
-        There the tip shows f_a and ζ; elsewhere the sensor's own response may spoil it.
-        """
+        """Restrict the tip's residuals to lines around an antiresonance."""
         frequency = self.data.frequency_hz
         self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 

@@ -95,10 +95,7 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
 
 
 def _without_trend(rows: Real) -> Real:
-    """Subtract a polynomial of the time from rows of periods.
-
-    It is fitted to the part that is not periodic.
-    """
+    """Subtract a polynomial of the time from rows of periods."""
     periods, samples = rows.shape
     time = np.linspace(-1.0, 1.0, periods * samples)
     basis = np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1)

@@ -269,10 +269,7 @@ def _toeplitz(values: Real, by_lag: Real) -> Real:
 
 
 def _independent(correlation: Real) -> float:
-    """Number of independent samples in correlated rows, (tr R)²/tr R².
-
-    It is 0 if there is no disturbance.
-    """
+    """Number of independent samples in correlated rows, (tr R)²/tr R²; or 0."""
     count = correlation.shape[1]
     weights = 2.0 * (count - np.arange(count))
     weights[0] = count

@@ -169,10 +169,7 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
 
 
 class _RampModel:
-    """Columns of the model for any ω and ζ.
-
-    The orders are transformed once.
-    """
+    """Columns of the model for any ω and ζ."""
 
     def __init__(self, ramp: Ramp, orders: tuple[float, ...]) -> None:
         period_s, angle = ramp.period_s, np.asarray(ramp.motor_angle_rad, dtype=np.float64)
@@ -263,10 +260,7 @@ class _RampModel:
         return float(left @ left)
 
     def _fit(self, values: Real, resonance_hz: float, damping: float) -> _Fit:
-        """Compute standard errors and significances at the best resonance.
-
-        The noise is taken to be as strong as the residual beside the resonance.
-        """
+        """Compute standard errors and significances at the best resonance."""
         columns = self.columns(resonance_hz, damping)
         scale = _length(columns)
         scaled = columns / scale

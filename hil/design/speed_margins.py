@@ -37,10 +37,7 @@ class SpeedMargins:
 
 
 def widened(notch: Notch) -> Notch:
-    """Widen the range of a filter by its hysteresis.
-
-    A switched filter may act within the hysteresis too.
-    """
+    """Widen the range of a filter by its hysteresis."""
     if notch.mode != NOTCH_SWITCHED:
         return notch
     h = notch.hysteresis_rps

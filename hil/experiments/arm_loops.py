@@ -121,10 +121,7 @@ class _Masses:
 
     @classmethod
     def identified(cls, bench: Bench, known: IdentifiedArm, axes: Mapping[int, IdentifiedAxis]) -> "_Masses":
-        """Take masses and gears from an identified arm.
-
-        Motors and dampings come from the models of the axes.
-        """
+        """Take masses and gears from an identified arm."""
         assert bench.arm is not None  # noqa: S101 - or there were no masses of it
         joints: dict[int, TwoInertia | None] = dict.fromkeys(bench.arm.axes)
         for number, stiffness in zip(known.axes, known.stiffness_nm_rad, strict=True):
@@ -185,10 +182,7 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
 
 
 def _joint(table: AxisTable, known: IdentifiedAxis | None) -> TwoInertia | None:
-    """Motor and gear of a joint.
-
-    If the plant has several modes, the gear has their sums; otherwise it is the gear of the bench file.
-    """
+    """Motor and gear of a joint."""
     plant = table.plant()
     if plant is None:
         return None
@@ -236,10 +230,7 @@ def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], l
 
 
 def _laws(bench: Bench, numbers: Sequence[int], joints: dict[int, TwoInertia], law: Loop) -> dict[int, Loop]:
-    """Loops of the other axes whose gains are known.
-
-    They have the axes' own filters, but sampling time and delay of the judged loop.
-    """
+    """Loops of the other axes whose gains are known."""
     made = {}
     for number in numbers:
         table = bench.axis[number]
@@ -250,10 +241,7 @@ def _laws(bench: Bench, numbers: Sequence[int], joints: dict[int, TwoInertia], l
 
 
 def _cases(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws: dict[int, Loop], more: str) -> list[ArmCase]:
-    """Cases of one posture: other motors held, other loops closed.
-
-    The second case needs the gains of all other axes.
-    """
+    """Cases of one posture: other motors held, other loops closed."""
     own = numbers.index(axis)
     found = [ArmCase(f"{label}, other motors held{more}", whole, own)]
     if laws and len(laws) == len(numbers) - 1:
@@ -263,10 +251,7 @@ def _cases(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws
 
 
 def _filtered(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws: dict[int, Loop]) -> list[ArmCase]:
-    """Cases in which the filters of one other axis act.
-
-    All other loops are closed; there is one case per speed.
-    """
+    """Cases in which the filters of one other axis act."""
     found: list[ArmCase] = []
     if len(laws) < len(numbers) - 1:
         return found

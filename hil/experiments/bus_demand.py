@@ -58,10 +58,7 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
 
 
 def takes_torque_offset(profile: Profile) -> bool:
-    """True if drives of a family add a torque offset (60B2h).
-
-    The drive has to add it to the torque of its loop in the mode of a run.
-    """
+    """True if drives of a family add a torque offset (60B2h)."""
     capabilities = profile.capabilities
     if mode_of("drive", profile) is not CSP:
         return False

@@ -206,10 +206,7 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
 
 
 def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float | None:
-    """Frequency f_al of an axis in Hz; None without a model.
-
-    It is the peak of |G_al| of the model with the P-PI in the drive.
-    """
+    """Frequency f_al of an axis in Hz; None without a model."""
     loop = bench.axis[axis].loop(control_period_s, with_notch=False)
     return None if loop is None else loop.peak_hz()
 
@@ -229,10 +226,7 @@ def axis_scale(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD
 
 
 def line_scale(bench: Bench, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of the line motion, or None if nothing is known.
-
-    It comes from the bench's band, or from all axes with a model; for the paper's robot from axis 2.
-    """
+    """Scale of the line motion, or None if nothing is known."""
     if bench.specification.band_hz is not None:
         return band_scale(bench.specification.band_hz)
     scales = {axis: axis_scale(bench, axis, control_period_s) for axis in bench.chain_axes}

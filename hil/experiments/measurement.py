@@ -227,8 +227,5 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
 
 
 def log_label(address: Address) -> str:
-    """Name of a bus in a candump log.
-
-    For SocketCAN it is the interface of the system, so that the log can be replayed to it.
-    """
+    """Name of a bus in a candump log, by which it can be replayed."""
     return address.channel if address.interface == "socketcan" else address.interface

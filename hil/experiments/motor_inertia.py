@@ -32,10 +32,7 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
 
 
 def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> str:
-    """Describe why axes cannot be cancelled.
-
-    Either the transmission error or the motor inertia is not known.
-    """
+    """Describe why axes cannot be cancelled."""
     for number in axes:
         known, table = None if identified is None else identified.axis.get(number), bench.axis[number]
         error = None if known is None or known.plant is not None or table.model is not None else known.ate

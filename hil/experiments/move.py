@@ -204,10 +204,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
 def _session(
     bench: Bench, request: MoveRequest, log: Path | None, given: Channel | None, reporter: Reporter
 ) -> Iterator[Session]:
-    """Open a session whose nodes have been found.
-
-    The drive of the axis may be in fault.
-    """
+    """Open a session whose nodes have been found."""
     channel = open_channel(parse_address(bench.bus.address)) if given is None else given
     try:
         period_s = bench.bus.host_sync_period_s if request.loop == "host" else bench.bus.sync_period_s

@@ -324,10 +324,7 @@ def designed_axis(outcome: NotchDesignOutcome) -> DesignedAxis:
 
 
 def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
-    """Result of a design for `design.json`.
-
-    Values are in SI units; values without a bound are None.
-    """
+    """Result of a design for `design.json`; None for what has no bound."""
     problem = outcome.problem
     return NotchDesignResult(
         bench=outcome.bench.name,

@@ -39,10 +39,7 @@ LARGEST_ORDER = 8
 
 @dataclass(frozen=True)
 class TipDisplacement:
-    """Tip displacement of a simulated run.
-
-    The metric is that of measured runs (`hil.analysis`).
-    """
+    """Tip displacement of a simulated run."""
 
     lever_m: float
     scale: TipScale
@@ -178,9 +175,7 @@ def _ramps(
     wanted = WATCHED * f_al_hz / min(request.orders)
 
     def ramp(factor: float, weight: float, top: float) -> DesignRamp:
-        return DesignRamp.of(
-            factor * rate, low, limits.speed_rps, top, f_al_hz, period_s, weight, is_own=factor == 1.0
-        )  # fmt: skip
+        return DesignRamp.of(factor * rate, low, limits.speed_rps, top, f_al_hz, period_s, weight)
 
     own = ramp(1.0, 1.0, max(wanted, *(high for _, high in made.values())))
     inertia = plant.motor_inertia_kg_m2 + plant.arm_inertia_kg_m2 / plant.reduction_ratio**2

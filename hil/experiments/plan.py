@@ -215,7 +215,6 @@ def _stop_entry(
 def _entry(
     bench: Bench, experiment: Experiment, result: RunResult, found: FoundScale, order: int | None, window: JudgedWindow
 ) -> RunEntry:
-    """Entry of one window, with the data of the run."""
     scale = found.scale
     return RunEntry(
         experiment=experiment.name,
@@ -252,10 +251,7 @@ def timing_of(result: RunResult) -> RunTiming | None:
 
 
 def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
-    """Compare each treatment with none, in every pair of runs.
-
-    Of a ramp the leading window is compared.
-    """
+    """Compare each treatment with none, in every pair of runs."""
     pairs = []
     leads = leading(runs)
     for run in leads:
@@ -321,18 +317,12 @@ def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComp
 
 
 def outside(runs: Sequence[RunEntry]) -> list[RunEntry]:
-    """Runs with a remedy that do not keep the specification.
-
-    Of a ramp the leading window decides.
-    """
+    """Runs with a remedy that do not keep the specification."""
     return [run for run in leading(runs) if run.treatment in REMEDIES and run.within_spec is False]
 
 
 def _design_claims(bench: Bench) -> list[PaperClaim]:
-    """Check the claims of section 3.1, Table 1 and section 4.2.
-
-    The numbers are computed from the bench file's model, as the paper computed them.
-    """
+    """Check the claims of section 3.1, Table 1 and section 4.2."""
     rows = []
     for axis, (f_al, f_m2, f_m4) in TABLE_1.items():
         table = bench.axis.get(axis)

@@ -48,10 +48,7 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def unjudged(self) -> bool:
-        """True if a run or a reachable order was not judged.
-
-        An order is reachable if its axis meets it within its limits.
-        """
+        """True if a run or a reachable order was not judged."""
         return any(run.invalid is not None or run.unjudged_orders for run in self.result.runs)
 
     @property
@@ -164,7 +161,6 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
 def _set_up(
     bench: Bench, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> tuple[list[TreatmentSetup], list[tuple[Motion, ShaperEntry | None]]]:
-    """Set up each run, and its motion with its shaper."""
     setups, shaped = [], []
     for experiment in experiments:
         check_stop(experiment.is_stop, experiment.treatment, experiment.loop)
@@ -177,7 +173,6 @@ def _set_up(
 
 
 def _trial_scale(bench: Bench, experiment: Experiment, motion: Motion) -> TipScale:
-    """Scale of the trial of designed filters."""
     scale = motion_scale(bench, experiment.axis)
     if scale is None:
         what = f"{experiment.treatment}: designed filters are tried on the robot first, in the windows where orders meet f_al"
@@ -210,10 +205,7 @@ class _ExperimentRuns:
         self.count = 0
 
     def perform(self, repeat: int) -> None:
-        """Make the trial, then run the motion `repeat` times.
-
-        The first run that is stopped is the last.
-        """
+        """Make the trial, then run the motion `repeat` times."""
         self._session.check_interrupt()
         self._session.adopt(self._setup.bench)
         self._try()
@@ -255,10 +247,7 @@ class _ExperimentRuns:
             self._try_filters()
 
     def _try_following(self, following: FollowingSetUp) -> None:
-        """Try a cancellation that follows beside the one that has passed.
-
-        If the tip is louder with it, the cancellation alone is used.
-        """
+        """Try a cancellation that follows beside the one that has passed."""
         cancellation = following.cancellation
 
         def run(follows: bool) -> FollowRun:
@@ -278,7 +267,6 @@ class _ExperimentRuns:
         self.trial = replace(self.trial, following=entry)
 
     def _try_filters(self) -> None:
-        """Try designed filters."""
         session, bench, axis = self._session, self._session.bench, self._experiment.axis
         scale = _trial_scale(bench, self._experiment, self._motion)
         model = None if axis is None else bench.axis[axis].model
@@ -328,7 +316,6 @@ class _ExperimentRuns:
         self._filters, self.trial = choice.filters, TrialVerdict(choice.verification.entry(), refusal, plain=plain)
 
     def _run(self) -> RunResult:
-        """Make one run."""
         setup, motion = self._setup, self._motion
         follower = None if self._following is None else self._following.adder()
         plain = None if self._cancellation is None or follower is not None else self._cancellation.adder()

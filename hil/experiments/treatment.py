@@ -182,10 +182,7 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
 
 
 def with_scaled_gains(bench: Bench, factor: float) -> Bench:
-    """Multiply all gains of a bench by a factor.
-
-    The low-pass filters stay.
-    """
+    """Multiply all gains of a bench by a factor."""
     axes = {}
     for number, table in bench.axis.items():
         control = table.gains(f"axis {number} with lower gains")

@@ -94,10 +94,7 @@ class JudgedStop:
 
 
 def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, rates: Complex) -> JudgedStop:
-    """Judge a stop by the ringing of the tip.
-
-    The ringing is the tip's displacement from the instant at which the set-points stop.
-    """
+    """Judge a stop by the ringing of the tip."""
     if result.stopped is not None:
         return JudgedStop(JudgedWindow())
     recording = result.recording
@@ -198,10 +195,7 @@ def _metrics(
 def _with_vector(
     bench: Bench, metrics: Metrics, recording: Recording, axis: int | None, order: int | None, scale: TipScale | None
 ) -> Metrics:
-    """Metrics of the tip as a vector.
-
-    They are those of the worst direction; those of all directions are kept beside them.
-    """
+    """Metrics of the tip as a vector."""
     acceleration, period = tip_acceleration(recording), recording.period_s
     judged = moving = np.ones(len(acceleration), dtype=np.bool_)
     line = bench.line_motion

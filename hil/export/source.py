@@ -109,7 +109,6 @@ def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
 
 
 def _recording_of(path: Path, run: str | None) -> Path:
-    """The recording of a directory."""
     if not path.is_dir():
         return path
     there = sorted((path / RUNS).glob(f"*{RECORDING_SUFFIX}"))

@@ -56,10 +56,7 @@ class UnansweredRequest:
 
 @dataclass(frozen=True)
 class OverlappingRequest:
-    """A request during a recent open one on the same channel.
-
-    Two clients send, or one client does not wait.
-    """
+    """A request during a recent open one on the same channel."""
 
     stamp_ns: int
     node: int

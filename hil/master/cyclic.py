@@ -289,10 +289,7 @@ class CyclicExchange:
         return [Frame(can_id, message[content]) for can_id, content in self._contents]
 
     def restore(self, nodes: set[int]) -> list[str]:
-        """Restore the former PDOs of the sensor and of these nodes.
-
-        Return the refusals in words.
-        """
+        """Restore the former PDOs of the sensor and of these nodes."""
         refused = self.sensor.restore()
         while self._sets:
             pdos = self._sets.pop()
@@ -463,7 +460,6 @@ class CyclicExchange:
         return True
 
     def _count(self) -> None:
-        """Count a cycle with its answers."""
         if self.data.tip == TIP_ELSEWHERE:
             sample = self.sensor.sample(self._sync_s)
             self.data.tip_has_come = sample is not None

@@ -342,10 +342,7 @@ class Run:
         return found
 
     def _own_fault(self) -> str | None:
-        """Return the reason to stop that lies in the master.
-
-        It comes first, since a late master may not have read its answers yet.
-        """
+        """Return the reason to stop that lies in the master."""
         overdue, limit = self.exchange.schedule.missing_now(), self.bench.bus.missing_limit
         if overdue <= limit:
             return None
@@ -417,10 +414,7 @@ class Run:
         return found
 
     def _where(self) -> str:
-        """Return the positions of the axes in words, with the remedy.
-
-        From the last answers, or by SDO if they are missing.
-        """
+        """Return the positions of the axes in words, with the remedy."""
         found = self._whereabouts()
         for i, slot in enumerate(self.exchange.slots):
             if found[i].stands_rev is None:

@@ -203,10 +203,7 @@ class Session:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Context in which Ctrl-C and SIGTERM end a motion by a ramp.
-
-        They do not end the program then.
-        """
+        """Context in which Ctrl-C and SIGTERM end a motion by a ramp."""
         handlers = {}
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

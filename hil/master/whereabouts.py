@@ -29,10 +29,7 @@ def move_command(axis: int, to_rev: float) -> str:
 
 
 def way_out(axis: int, stands_rev: float, limits: "Limits", low_rev: float, high_rev: float) -> str:
-    """Return an axis' position, and the command to a better one.
-
-    From there the motion remains within the position limits.
-    """
+    """Return an axis' position, and the command to a better one."""
     lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
     here = f"it is at {rev_text(stands_rev)} rev"
     if lowest > highest:

@@ -85,10 +85,7 @@ class Conditions:
 def origin_of_order(
     order: float, motor: Motor, found: Sequence[Conditions], sides: Sequence[OrderSides] = ()
 ) -> tuple[OriginName, str]:
-    """Origin of an order, and the reason for it.
-
-    `sides` are of runs that were read from the motor's torque.
-    """
+    """Origin of an order, and the reason for it."""
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []
     significant = [each for each in found if each.a_arcsec >= SIGNIFICANT_SIGMAS * each.error_arcsec]

@@ -199,10 +199,7 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
 
 
 def _put(connection: sqlite3.Connection, run: PassportRun) -> None:
-    """Add one run.
-
-    Of a known run, only add what an older version did not keep.
-    """
+    """Add one run."""
     row = {"hash": run.content, **{name: getattr(run, name) for name in _RUN_COLUMNS}}
     row["emulated"] = None if run.emulated is None else int(run.emulated)
     names = ", ".join(row)

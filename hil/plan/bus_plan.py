@@ -94,10 +94,7 @@ class Background:
     heartbeat_s: float = 0.1
 
     def messages(self, wire: WireTiming, *, is_busy: bool) -> list[Message]:
-        """Return the messages beside the cycle for the analysis.
-
-        Heartbeats alone, or with emergencies and SDO as well.
-        """
+        """Return the messages beside the cycle for the analysis."""
 
         def message(name: str, can_id: int, length: int, per_s: float) -> Message:
             period = round(1e9 / per_s)

@@ -227,10 +227,7 @@ def _axis_stability(
 
 
 def worst_margins(number: int, model: Loop) -> AxisStability:
-    """Return a loop's stability at the worst of its speeds.
-
-    Without notch, and at five speeds of each notch.
-    """
+    """Return a loop's stability at the worst of its speeds."""
     speeds = [0.0, *(speed for n in model.notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist())]
     margins_by_speed = [(margins(model, speed, MARGIN_POINTS), speed) for speed in speeds]
     least, speed = max(margins_by_speed, key=lambda pair: (max(pair[0].pole_radius, 1.0), pair[0].sensitivity_peak))
@@ -294,10 +291,7 @@ def check(
 
 
 def _motion_gaps(bench: Bench, axes: tuple[int, ...]) -> list[str]:
-    """Return sentences on ramps that an axis may not make.
-
-    Ramps of the bench file; the run itself plans its line.
-    """
+    """Return sentences on ramps that an axis may not make."""
     found = []
     for number in axes:
         for table in (bench.constant_acceleration, bench.point_to_point):

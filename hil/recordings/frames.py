@@ -43,10 +43,7 @@ class FrameSignal:
 
 
 class FrameFile:
-    """A log of frames, whose signals have stamps of their own.
-
-    All are interpolated at the stamps of the first requested one.
-    """
+    """A log of frames, whose signals have stamps of their own."""
 
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.

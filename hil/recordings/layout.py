@@ -180,10 +180,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
 
 
 def _known(names: Sequence[str], axis: int) -> dict[Role, tuple[str, str]]:
-    """Return names and units of columns with known names.
-
-    By the known layouts, else by unambiguous words and suffixes.
-    """
+    """Return names and units of columns with known names."""
     for _, layout in KNOWN:
         there = {role: (name.replace(AXIS, str(axis)), unit) for role, (name, unit) in layout.items()}
         if there["time"][0] in names and there["motor"][0] in names:

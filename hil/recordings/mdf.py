@@ -21,10 +21,7 @@ TIME = "time_s"
 
 
 class MdfFile:
-    """An MF4 file, whose channels have stamps of their own.
-
-    All are interpolated at the stamps of the first requested one.
-    """
+    """An MF4 file, whose channels have stamps of their own."""
 
     def __init__(self, path: Path) -> None:
         """Read the names.

@@ -46,10 +46,7 @@ class Recorded:
 
     @property
     def jitter_s(self) -> float:
-        """Range of the steps between time stamps, without outliers.
-
-        From the 1st to the 99th percentile.
-        """
+        """Range of the steps between time stamps, without outliers."""
         low, high = np.percentile(np.diff(self.time_s), (1.0, 99.0))
         return float(high - low)
 

@@ -125,10 +125,7 @@ MAX_POINTS = 1500
 
 @cache
 def _load_formulas() -> None:
-    """Load fonts and grammar of formulas before processes fork.
-
-    All copies of this process that draw then have them.
-    """
+    """Load fonts and grammar of formulas before processes fork."""
     MathTextParser("path").parse("$f_{al}$ (1/s²)", 72, FontProperties(family="DejaVu Sans", size=8.5))
 
 

@@ -101,10 +101,7 @@ def _antiresonance(number: int, truth: TrueAxis, known: IdentifiedAxis) -> TourF
 
 
 def _orders(number: int, truth: TransmissionErrorTable, known: IdentifiedAxis) -> Iterator[TourFact]:
-    """Yield amplitude and phase of each order.
-
-    The true phase is within half a turn of its estimate.
-    """
+    """Yield amplitude and phase of each order."""
     error, sizes, angles = known.ate, truth.amplitudes_arcsec(), truth.phases_deg()
     amplitudes = {} if error is None else error.values.amplitudes_arcsec()
     phases = {} if error is None else error.values.phases_deg()

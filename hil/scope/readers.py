@@ -118,10 +118,7 @@ class FrameReading:
 
 
 def reading_of(nodes: Mapping[int, Node], bench: Bench | None) -> FrameReading:
-    """Numbers that can be read, by the nodes as they are known.
-
-    The bench file names axes and sensor; without it an axis is called by its node.
-    """
+    """Numbers that can be read, by the nodes as they are known."""
     tables = {} if bench is None else {table.node_id: (number, table) for number, table in bench.axis.items()}
     readers: list[FrameReader] = []
     expected: dict[int, int] = {}

@@ -134,7 +134,6 @@ class ProcessImage:
         return True
 
     def _share(self, received: Sequence[tuple[bytes, int, int]], taken: Sequence[Mapped], told: Sequence[Mapped]) -> None:
-        """Give the layout to C."""
         rpdos = np.zeros(max(1, len(received)), CORE.dtype("received"))
         for row, (record, first, count) in zip(rpdos, received, strict=False):
             row["head"], row["first"], row["count"] = np.frombuffer(record, np.uint8), first, count

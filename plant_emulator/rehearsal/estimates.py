@@ -88,10 +88,7 @@ def sensor_delay_s(sensor: RobotAccelerometer, frequency_hz: float) -> float:
 
 
 def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.float64]) -> dict[str, QuantityRecord]:
-    """Return true and identified plant.
-
-    The true gear is evaluated at the torsion that the identification states, and where the arm was.
-    """
+    """Return true and identified plant."""
     gear = gear_plant(axis, None if plant is None else plant.torsion_arcsec, arm_rad)
     true = {
         "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,

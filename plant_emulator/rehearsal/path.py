@@ -78,8 +78,6 @@ def run_path(
 
 @dataclass
 class _Path:
-    """A path in progress."""
-
     robot: Robot
     bench: Bench
     folder: Path
@@ -137,7 +135,6 @@ class _Path:
             yield StepsOverBus(self.bench, self.axis, self.files, served.address)
 
     def _run_steps(self, steps: Steps) -> None:
-        """Take the steps in order."""
         self._take("plant", steps.plant)
         self._take("ate", steps.ate)
         if self.options.with_design:

@@ -78,10 +78,7 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
 
 
 def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
-    """Return the lines about an arm that an engineer knows.
-
-    They are its drawing and the intended place of the sensor; no masses, no misalignment.
-    """
+    """Return the lines about an arm that an engineer knows."""
     lines = []
     if mounting is not None:
         lines += ["", "[accelerometer.mounting]", *_given(mounting, "misalignment_deg")]
@@ -201,10 +198,7 @@ def file_text(table: Table) -> str:
 
 
 def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:
-    """Return the lines of a table: plain values, then tables.
-
-    Small tables inside an axis stay on a line.
-    """
+    """Return the lines of a table: plain values, then tables."""
     inner = {key: value for key, value in values.items() if isinstance(value, dict) and name.count(".") < 1}
     plain = [f"{key} = {toml_value(value)}" for key, value in values.items() if key not in inner]
     lines = [f"[{name}]", *plain] if name and plain else plain

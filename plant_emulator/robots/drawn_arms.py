@@ -145,10 +145,7 @@ def _links(draws: Draws) -> ArmTable:
 
 
 def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmLink:
-    """Scale a link in length and mass.
-
-    The link before it is scaled by a factor of its own.
-    """
+    """Scale a link in length and mass."""
     body = link.body or Body(mass_kg=0.0)
     mass, inertia = rounded(heavier * body.mass_kg), body.inertia_kg_m2
     size = heavier * own**2
@@ -160,7 +157,6 @@ def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmL
 
 
 def _box(mass_kg: float, size_m: float) -> Inertia:
-    """Return the inertia of a cube."""
     moment = rounded(mass_kg * size_m**2 / 6.0)
     return Inertia(xx=moment, yy=moment, zz=moment)
 

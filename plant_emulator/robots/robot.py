@@ -438,10 +438,7 @@ def load_robot(path: str | Path) -> Robot:
 
 
 def _has_arm(file: Path) -> bool:
-    """Return True for a file with a table [arm].
-
-    The result is False for a file that cannot be read; `load` then reports why.
-    """
+    """Return True for a file with a table [arm]."""
     try:
         return "arm" in tomllib.loads(read_file(file, "a TOML file", max_bytes=MAX_BYTES).decode("utf-8-sig"))
     except (FileError, ValueError, RecursionError):

@@ -94,10 +94,7 @@ class PseudoTerminal:
                 del self._backlog[: os.write(self._device, self._backlog[:READ_BYTES])]
 
     def discard_after(self, end: bytes) -> None:
-        """Discard the waiting bytes after the first `end`.
-
-        The line that is partly sent is completed.
-        """
+        """Discard the waiting bytes after the first `end`."""
         del self._backlog[self._backlog.find(end) + len(end) :]
 
     def close(self) -> None:

@@ -22,10 +22,7 @@ def _nothing(_: object) -> None:
 
 
 class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of which not each is an error
-    """A refused access, reported to the SDO client by its code.
-
-    It never leaves the slave package.
-    """
+    """A refused access, reported to the SDO client by its code."""
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -170,10 +167,7 @@ class Entry:
         return self.default
 
     def refusal(self, value: Any) -> SdoAbortCode | None:
-        """Return the reason why a value is refused, or None.
-
-        The value must have the right type.
-        """
+        """Return the reason why a value is refused, or None."""
         if self.data_type.is_real and not math.isfinite(value):
             return SdoAbortCode.INVALID_VALUE
         if self.high is not None and value > self.high:

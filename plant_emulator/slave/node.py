@@ -198,10 +198,7 @@ class Slave:
         self._now = now
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or restart after a loss of power.
-
-        The node resets to the stored values, sends its boot-up message and becomes pre-operational.
-        """
+        """Start, or restart after a loss of power."""
         self._set_time(now)
         self._out.clear()
         self._reset(ResetKind.NODE)
@@ -246,10 +243,7 @@ class Slave:
         return self.take_frames()
 
     def take_frames(self) -> list[Frame]:
-        """Return the frames that wait to be sent.
-
-        `receive` and `advance` call this method themselves.
-        """
+        """Return the frames that wait to be sent."""
         frames, self._out = self._out, []
         return frames
 

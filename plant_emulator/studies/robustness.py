@@ -195,10 +195,7 @@ class Study:
         return (*found, *SENSOR_UNKNOWNS)
 
     def _targets(self) -> tuple[Real, Real]:
-        """Return times and set-points in counts, shape (n, axes).
-
-        The motion ends in a rest that is long enough for the judgement.
-        """
+        """Return times and set-points in counts, shape (n, axes)."""
         robot = self.robot
         for name in ("constant_acceleration", "line_motion"):
             motion = getattr(robot, name)
@@ -380,10 +377,7 @@ class Study:
         return np.asarray(np.max(np.abs(reached - motion.run.position_counts), axis=0) / counts)
 
     def _residual(self, motion: SimulatedMotion, faults: list[str]) -> float:
-        """Return the true vibration at the end, in mm.
-
-        Signs of an unstable loop are added to the faults.
-        """
+        """Return the true vibration at the end, in mm."""
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
         f_al, period_s = motion.f_al_hz, self.robot.sync_period_s
         swing = 1e3 * without_phase(motion.run.tip_m_s2[:, 2], period_s, "highpass", tip_scale(f_al).band_hz[0])

@@ -238,10 +238,7 @@ def _model_around(
 def _search(
     sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[float, ...], start: Arm | None
 ) -> Arm:
-    """Search arm and delay over a grid.
-
-    Each direction is fitted alone at first; then the delay is searched more finely with the directions together.
-    """
+    """Search arm and delay over a grid."""
     top = 0.3 / max(sweep.period_s for sweep in sweeps)
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
     band = (0.8 * low, min(1.2 * high, 1.2 * top))

@@ -149,10 +149,7 @@ class Noise:
 
 
 class SweepModel:
-    """Model of one recording.
-
-    The transforms are computed once; then each arm takes one inverse transform.
-    """
+    """Model of one recording."""
 
     def __init__(
         self,
@@ -335,10 +332,7 @@ class RampsModel:
         return [np.asarray(each) for each in np.split(values, ends)]
 
     def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
-        """Power of the residual by delay, each direction with its own orders.
-
-        The signal is put forward instead of the model back, so the columns are made once for all delays.
-        """
+        """Power of the residual by delay, each direction with its own orders."""
         motion, matrix = self.columns(replace(arm, delay_s=0.0))
         totals = np.zeros(len(delays_s))
         for direction in (1, -1):
@@ -357,7 +351,6 @@ class RampsModel:
         return [float(total) for total in totals]
 
     def _rows_of(self, direction: int) -> NDArray[np.intp]:
-        """Rows of a direction."""
         if direction not in self._direction_rows:
             self._direction_rows[direction] = np.flatnonzero(self.directions == direction)
         return self._direction_rows[direction]
@@ -378,10 +371,7 @@ class RampsModel:
 
 
 def least_squares(matrix: Real, wanted: Real) -> Real:
-    """Solve a least-squares problem by normal equations on scaled columns.
-
-    It suits few well-separated unknowns and many thousand rows, with one or more right sides.
-    """
+    """Solve a least-squares problem by normal equations on scaled columns."""
     scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale
     found = pseudo_inverse(scaled.T @ scaled) @ (scaled.T @ wanted)

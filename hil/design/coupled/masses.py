@@ -196,10 +196,7 @@ def fit_masses(regressors: Real, felt: Sequence[FeltMode], workspace: Real, made
 
 
 def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Real) -> tuple[Any, float]:
-    """Choose the best of some fits, and its size of β.
-
-    The fits start from the made-up masses and from variations of them.
-    """
+    """Choose the best of some fits, and its size of β."""
     generator, found = np.random.default_rng(1), []
     for number in range(MOST_STARTS):
         links = np.exp(START_SPREAD * generator.standard_normal(len(made_up) // PER_BODY)) if number else np.ones(1)
@@ -281,10 +278,7 @@ def _slopes(function: Callable[[Real], Real], x: Real) -> Real:
 
 
 def _most_telling(x: Real, around: Real, size: float, information: Real) -> int:
-    """Find the posture whose modes would add most information.
-
-    All its modes are assumed to be measured with their least errors. Returns its row.
-    """
+    """Find the row of the posture whose modes would add most information."""
 
     def told(y: Real) -> Real:
         values = []

@@ -175,10 +175,7 @@ def _weighted(columns: Complex, wanted: Complex, weight: Real, always: int = 0, 
 
 
 def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
-    """Linear fit of 1/P.
-
-    Its columns are J_m, D_m and the effective inertia of a mode at each frequency of a grid.
-    """
+    """Linear fit of 1/P."""
     data, jw = problem.data, problem.jw
     unlagged = np.array([0.0] * AGE + [0.5 * problem.timing.control_s])
     torque = problem.torque(unlagged, data.torque.mean(axis=0), np.zeros_like(problem.excitation))
@@ -190,10 +187,7 @@ def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
 
 
 def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
-    """Linear fits of the tip's motion, one per delay.
-
-    The columns are the tip parts of a mode at each frequency of a grid. Without an accelerometer there are none.
-    """
+    """Linear fits of the tip's motion, one per delay."""
     data, scatter, lines = problem.data, problem.tip_scatter, problem.tip_lines
     if data.tip is None or scatter is None:
         return []

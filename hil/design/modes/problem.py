@@ -101,10 +101,7 @@ def modal_tip(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real, l
 
 
 class ModalProblem(PlantProblem):
-    """Residual of a fit with several modes.
-
-    The unknowns of the further modes follow those of the plant.
-    """
+    """Residual of a fit with several modes."""
 
     def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         super().__init__(data, timing, reduction_ratio, lever_m, gravity)
@@ -113,10 +110,7 @@ class ModalProblem(PlantProblem):
         self.each = PART if data.tip is None else PART + 1
 
     def focus(self, f_a: float) -> None:
-        """Use the tip at all frequencies at which modes may be.
-
-        Frequencies at which a sensor itself resonates are left out.
-        """
+        """Use the tip at all frequencies at which modes may be."""
 
     def start_with(self, motor: Real, modes: list[ArmMode]) -> Real:
         """Build all unknowns from the motor's values and some modes.

@@ -129,10 +129,7 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
 
 
 def _columns(rates: Complex, time_s: Real) -> list[Real]:
-    """Decays and waves of poles over time.
-
-    A real pole has one column, a pair has two.
-    """
+    """Decays and waves of poles over time."""
     found: list[Real] = []
     for rate in rates.tolist():
         wave = np.exp(rate * time_s)

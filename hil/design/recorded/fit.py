@@ -39,10 +39,7 @@ class AngleSection:
     waves: Callable[[Sequence[float]], Real]
 
     def averaged(self, most: int) -> "AngleSection":
-        """Section with at most so many samples.
-
-        Each is the mean of a few neighbours, in the signal as in its waves.
-        """
+        """Section with at most so many samples."""
         return self.averaged_by(-(-len(self.signal) // most))
 
     def averaged_by(self, few: int) -> "AngleSection":
@@ -144,10 +141,7 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
 
 
 def _bootstrapped(angle_rad: Real, choice: DegreeChoice, fitted: Real, residual: Real, repeats: int) -> Real:
-    """Unknowns of the waves in resampled signals; shape (repeats, waves).
-
-    The residual of such a signal is made of random blocks of the real one.
-    """
+    """Unknowns of the waves in resampled signals; shape (repeats, waves)."""
     random = np.random.default_rng(20_140_824)
     turns = float(np.ptp(angle_rad)) / (2.0 * math.pi)
     count = len(residual)

@@ -82,10 +82,7 @@ class OrderColumns:
         return np.asarray(np.interp(orders, orders[probed], 1.0 / (ORDER_STEP * np.sum(alike, axis=1))))
 
     def without(self, signal: Real, rows: Sequence[int]) -> Real:
-        """Signal without its slow part and some orders; shape (n,).
-
-        All are fitted together.
-        """
+        """Signal without its slow part and some orders; shape (n,)."""
         left = self.beside_slow(signal)
         if not rows:
             return left

@@ -42,10 +42,7 @@ def degrees_for(turns: float, lowest_order: float) -> tuple[int, ...]:
 
 
 def fold_of(angle_rad: Real) -> NDArray[np.intp]:
-    """Fold of each row, in blocks of the angle; shape (n,).
-
-    Successive blocks belong to the folds in turn.
-    """
+    """Fold of each row, in blocks of the angle; shape (n,)."""
     turned = np.abs(angle_rad - angle_rad[0]) / (2.0 * math.pi)
     block = max(LEFT_OUT_TURNS, float(np.max(turned)) / 200.0)
     return np.asarray((turned / block).astype(np.intp) % FOLDS)

@@ -34,10 +34,7 @@ class MotionStretch:
 
 
 def speed_of(motor_angle_rad: Real, time_s: Real, across: int = ACROSS) -> Real:
-    """Speed of the motor in rev/s; shape (n,).
-
-    It is taken across some samples to either side, so that jitter of the stamps has no effect.
-    """
+    """Speed of the motor in rev/s; shape (n,)."""
     count = len(time_s)
     row = np.arange(count)
     before, behind = np.maximum(row - across, 0), np.minimum(row + across, count - 1)

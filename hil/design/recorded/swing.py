@@ -38,10 +38,7 @@ class JointSwing:
 
     @property
     def is_told(self) -> bool:
-        """True if the recordings separate the swing from a larger error.
-
-        Its value also has to be possible for a swing.
-        """
+        """True if the recordings separate the swing from a larger error."""
         at_most = self.highest_hz**2
         return (
             self.error_per_hz2 * at_most < TOLD_WITHIN

@@ -103,10 +103,7 @@ class Identification:
 
     @property
     def is_good(self) -> bool:
-        """True if what was requested is known or usable (`Miss`).
-
-        An order out of the ramps' reach does not count.
-        """
+        """True if what was requested, and is in reach, is known or usable (`Miss`)."""
         return all(miss.is_usable or not self.is_reached(miss.order) for miss in self.misses)
 
 

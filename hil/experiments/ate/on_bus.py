@@ -91,7 +91,6 @@ def _run_entry(result: RunResult, motion: Ramps, made: dict[str, Any]) -> AteRun
 
 
 def _enter(result: AteResult, identification: Identification, part: IdentifiedError) -> None:
-    """Enter an identification into a result."""
     estimate = identification.estimate
     result.ate = part
     arm, scan = estimate.arm, identification.scan

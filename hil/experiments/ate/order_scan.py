@@ -213,10 +213,7 @@ class _Scan:
         return self._named(estimate, basis, float(grid[best]))
 
     def _named(self, estimate: JointEstimate, basis: Real, order: float) -> float:
-        """Refine an order beyond the grid of the scan.
-
-        It becomes a whole number if that explains nearly as much.
-        """
+        """Refine an order beyond the grid of the scan."""
         fine = [float(each) for each in order + np.arange(-1.2 * SCAN_STEP, 1.2 * SCAN_STEP + 1e-9, FINE_STEP)]
         whole = max(1, round(order))
         model = self.model(estimate, (*fine, whole))

@@ -68,10 +68,7 @@ class Alternation:
             self._bands[acts].append(band_passed(recording.felt_m_s2, recording.period_s, self.scale.band_hz))
 
     def seen(self) -> list[PeakChange]:
-        """Compare the peaks in the rows in which orders are read.
-
-        The means of all runs count; the worst rise comes first.
-        """
+        """Compare the peaks in the rows in which orders are read."""
         if self._seen is None:
             raise ValueError("nothing has run")
         without, with_it = ([band[self._rows[: len(band)]] for band in self._bands[acts]] for acts in (False, True))
@@ -100,6 +97,5 @@ class Alternation:
 
 
 def _last_braking(recording: Recording) -> int:
-    """Row in which the last braking begins."""
     speed = np.max([np.abs(motor_speed_rps(recording, number)) for number in recording.axes], axis=0)
     return int(np.flatnonzero(speed > TOP_SPEED * np.max(speed))[-1])

@@ -130,10 +130,7 @@ class Cancellation:
         return replace(self, axes=tuple(axes), tables={n: table for n, table in self.tables.items() if n in axes})
 
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
-        """Adder for one run.
-
-        It has a fraction of the cancellation, 0 to 1, and adds to all axes or to one only.
-        """
+        """Adder for one run."""
         wanted = [self.tables[n].scaled(gain) if n in self.tables and only in {None, n} else None for n in self.axes]
         steps = [self.torque_steps_nm.get(number, 0.0) for number in self.axes]
         return CancellationAdder(self.uses_torque, CancellationLaw(wanted, self.period_s, steps))
@@ -298,10 +295,7 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
 
 
 def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
-    """Pace of an axis in a motion and in its approach.
-
-    Jerks of the motion are left out.
-    """
+    """Pace of an axis in a motion and in its approach."""
     angle, period_s = motion.motor_angle_rad[:, column], motion.period_s
     fastest = float(np.max(np.abs(np.diff(angle)))) / period_s / (2.0 * math.pi)
     rising = np.abs(np.gradient(np.gradient(angle, period_s), period_s))
@@ -324,10 +318,7 @@ def phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
 
 
 def known_lag_s(identified: Identified | None, number: int) -> float:
-    """Identified lag of an axis' current loop.
-
-    It is 0 if it is not identified, or not significant.
-    """
+    """Identified lag of an axis' current loop; 0 unless it is significant."""
     part = identified_axis(identified, number).plant
     if part is None or part.torque_lag_s < CORNER_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
@@ -335,10 +326,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
 
 
 def motor_load(bench: Bench, identified: Identified | None, model: Model, number: int, most_rad_s2: float) -> MotorLoad | None:
-    """Parameters of the gear torque that reacts on a motor, or None.
-
-    With them the gear torque follows from the motor's torque; None if no reaction is known.
-    """
+    """Parameters of the gear torque that reacts on a motor, or None."""
     known, table = identified_axis(identified, number), bench.axis[number]
     if known.ate is None or known.ate.gear_reaction == 0.0:
         return None

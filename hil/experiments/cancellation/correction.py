@@ -225,10 +225,7 @@ class Correction:
         return bool(self._begun) and all(each.source == "known" for each in self._begun.values())
 
     def values(self) -> dict[float, OrderValue]:
-        """Value of each order to cancel and store.
-
-        One that the passes do not know better stays as it was.
-        """
+        """Value of each order to cancel and store."""
         return {order: self._value(order) for order in self._begun}
 
     def _value(self, order: float) -> OrderValue:
@@ -249,10 +246,7 @@ class Correction:
         return OrderValue("learnt", abs(z), turned_deg, along, math.degrees(across / max(abs(z), across)))
 
     def correlation(self, values: Mapping[float, OrderValue]) -> Correlation | None:
-        """Correlation of the errors of some values, of the delay and of the reaction.
-
-        Those of newly learnt values are the posterior's; kept values have theirs from before.
-        """
+        """Correlation of the errors of some values, of the delay and of the reaction."""
         found = self._posterior
         if not found.names:
             return None

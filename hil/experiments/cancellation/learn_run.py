@@ -110,7 +110,6 @@ def learn_on_bus(
 
 
 def _demands(bench: Bench, request: LearnRequest, identified: Identified | None) -> list[BusDemand]:
-    """Demands of the axes on the bus."""
     axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
     for axis in axes:
         bench.axis[axis].gains(f"learning on axis {axis}")

@@ -373,7 +373,6 @@ def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> N
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
-    """Table of the axis that is to be learnt."""
     if passes < 2:
         raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
     bench.check_axis(axis)

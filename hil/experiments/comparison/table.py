@@ -71,7 +71,6 @@ def _key_of(experiment: Experiment) -> Key:
 
 
 def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, left_out: str | None = None) -> ComparisonRow:
-    """Row without numbers."""
     return ComparisonRow(
         experiment=experiment.name,
         axis=experiment.axis,
@@ -91,7 +90,6 @@ def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, le
 def _measured(
     row: ComparisonRow, run: RunEntry | None, area: float | None, change: TreatmentComparison | None, ended: str
 ) -> ComparisonRow:
-    """Fill a row with the numbers of its run."""
     if run is None:
         return row.model_copy(update={"not_judged": ended or "not run"})
     values: dict[str, object] = {"recording": run.recording, "shaper": run.shaper}
@@ -131,7 +129,6 @@ def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: R
 
 
 def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: RunEntry) -> Compliance | None:
-    """Compliance of one axis at the period of the run."""
     with_notch = setup is not None and setup.filters == "notch"
     loop = bench.axis[number].loop(run.control_period_s, int(run.loop == "host"), with_notch=with_notch)
     if loop is None:
@@ -142,7 +139,6 @@ def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: Ru
 
 
 def _compliances(plan: ComparisonPlan, number: int, runs: Runs) -> Iterable[AxisCompliance]:
-    """Compliance of one axis with each treatment that was run."""
     entries: dict[tuple[str, str], AxisCompliance] = {}
     for experiment, setup in plan.setups.items():
         run = runs.get(_key_of(experiment))

@@ -256,10 +256,7 @@ def _wave(
 
 @dataclass
 class MotionBuilder:
-    """Builder of a motion from pieces, in motor turns.
-
-    Positions count from the start; the motor rests between pieces.
-    """
+    """Builder of a motion from pieces, in motor turns."""
 
     sync_s: float
     turns: list[Real] = field(default_factory=lambda: [np.zeros(1)])

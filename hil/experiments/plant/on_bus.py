@@ -1,7 +1,7 @@
 """Run of `hil identify plant` on a bench."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from hil.bench.bench import Bench
@@ -28,11 +28,6 @@ from hil.results.plant import (
 )
 
 
-@dataclass(frozen=True)
-class PlantOutcome(MeasurementOutcome[PlantResult]):
-    """End of a plant identification."""
-
-
 def run_identify_plant(
     bench: Bench,
     request: PlantRequest,
@@ -42,7 +37,7 @@ def run_identify_plant(
     channel: Channel | None = None,
     overload: bool = False,
     reporter: Reporter = SILENT,
-) -> PlantOutcome:
+) -> MeasurementOutcome[PlantResult]:
     """Identify a plant, and write `out/runs/*.csv`, `out/bus.log`, `out/result.json` and the model file.
 
     Where the plant was not identified, the recordings and a result with the reasons are written, but no model file.
@@ -85,7 +80,7 @@ def run_identify_plant(
                 posture = felt_posture(entry, joints)
             update_file(model, bench.name, request.axis, entry, posture, keeps_known=bool(request.posture_deg))
             result.model_file = str(model)
-    return PlantOutcome(measurement.result, measurement.failure)
+    return MeasurementOutcome(measurement.result, measurement.failure)
 
 
 def _perform(

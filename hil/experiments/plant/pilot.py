@@ -52,10 +52,7 @@ class Peaks:
 
 @dataclass(frozen=True)
 class MeasuredPeaks:
-    """Peaks that follow the excitation, and peaks of the rest.
-
-    The rest is transmission error, noise and counts.
-    """
+    """Peaks that follow the excitation, and peaks of the rest."""
 
     driven: Peaks
     rest: Peaks

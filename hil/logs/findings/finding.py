@@ -107,10 +107,7 @@ def picture_of(
     limits: tuple[tuple[str, float], ...] = (),
     is_line: bool = False,
 ) -> Picture:
-    """Return a picture of many points, reduced to minima and maxima.
-
-    `x` and `y` have the shape (n,); `labels` are quantity and unit of each.
-    """
+    """Return a picture of many points, reduced to minima and maxima."""
     if len(x) > MOST_POINTS:
         width = -(-len(x) // (MOST_POINTS // 2))
         edges = np.arange(0, len(x), width)

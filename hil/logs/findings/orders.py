@@ -75,10 +75,7 @@ def _stretches(position: Real, per_rev: float) -> list[slice]:
 
 
 def _line(numbers: Real, per_unit: float, low: float, high: float) -> tuple[float, float, float]:
-    """Return place, amplitude and power fraction of the highest line.
-
-    Numbers are evenly spaced, `per_unit` of them in a unit.
-    """
+    """Return place, amplitude and power fraction of the highest line."""
     grid = np.linspace(-1.0, 1.0, len(numbers))
     slow = np.polynomial.polynomial.polyfit(grid, numbers, 7)
     rest = numbers - np.polynomial.polynomial.polyval(grid, slow)

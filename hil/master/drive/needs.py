@@ -161,10 +161,7 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
 
 
 def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
-    """Return remarks on a run's drives: limits, modes with a loss.
-
-    Limits that a drive does not hold, and modes that are worse than CSP; a sentence each.
-    """
+    """Return remarks on a run's drives: limits, modes with a loss."""
     said: list[str] = []
     for number in axes:
         if number not in bench.axis:

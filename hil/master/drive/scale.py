@@ -180,10 +180,7 @@ def _rated_torque_nm(asked: Questions, number: int, table: AxisTable | NothingSt
 
 
 def _check_units(asked: Questions, number: int, profile: Profile) -> None:
-    """Refuse units for which the profile's scales are wrong.
-
-    Without the objects, the units are the default ones.
-    """
+    """Refuse units for which the profile's scales are wrong."""
     for address in () if profile.encoder is None else profile.encoder.zero:
         need = Need(object_address(address), "", "positions are counted in increments while it is 0")
         value = asked.number(need, is_optional=True)

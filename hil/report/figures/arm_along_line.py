@@ -80,10 +80,7 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
 
 
 class _Loops:
-    """Loops of the tip's error about its path, magnified.
-
-    The judged time is split into stretches; each is drawn around its own point of the path.
-    """
+    """Loops of the tip's error about its path, magnified."""
 
     def __init__(self, arms: list[MovedArm], limit_mm: float) -> None:
         self.arms, self.limit_mm = arms, limit_mm

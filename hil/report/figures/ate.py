@@ -139,10 +139,7 @@ def shown_orders(part: IdentifiedError) -> list[float]:
 
 
 def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
-    """Draw θ_sync over two motor revolutions with its confidence; Fig. 5.
-
-    For the paper's robot also θ_sync of its Table 2.
-    """
+    """Draw θ_sync over two motor revolutions with its confidence; Fig. 5."""
     if part is None:
         return None
     error, key = error_of(part), f"waveform-axis{axis}"

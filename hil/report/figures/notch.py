@@ -124,10 +124,7 @@ class NotchFigures:
         return 1
 
     def families(self) -> Drawing | None:
-        """Draw |F_n| and |G_al| from f_s to f_e; Fig. 11.
-
-        And |G_al| on the line ω = 2π k f_m, with constraint (5).
-        """
+        """Draw |F_n| and |G_al| from f_s to f_e; Fig. 11."""
         if not self.axes:
             return None
         figure, panels = style.panels(3, len(self.axes), 7.0, sharex="row", sharey="row", height_ratios=(2, 3, 3))
@@ -347,10 +344,7 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
 
 
 def draw_critical_point(panel: Axes, *circles: tuple[float, str, style.Line]) -> None:
-    """Draw the unit circle and −1, with circles around it, in a Nyquist diagram.
-
-    Each circle has radius, name and line style.
-    """
+    """Draw the unit circle and −1, with circles around it, in a Nyquist diagram."""
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
     for radius, name, look in circles:

@@ -217,10 +217,7 @@ def page_of(directory: Path, result: TreatmentTable) -> Page:
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:
-    """Return the name of the bench of a tour without robots.
-
-    The tour ended before a run; `none` without a bench file.
-    """
+    """Return the name of the bench of a tour without robots."""
     try:
         return load_bench(directory / result.tour.bench_file).name if isinstance(result, TourResult) else "none"
     except FileError:

@@ -224,10 +224,7 @@ def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style
 
 
 def families(outcome: NotchDesignOutcome) -> Drawing | None:
-    """Draw |F_n| and |G_al| from f_s to f_e; Figs. 9 and 11.
-
-    And |G_al| on the line ω = 2π k f_m, for each filter.
-    """
+    """Draw |F_n| and |G_al| from f_s to f_e; Figs. 9 and 11."""
     best = outcome.best
     own = [notch for notch in best.notches if notch.order in outcome.request.orders]
     if not own:

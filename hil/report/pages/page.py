@@ -215,7 +215,6 @@ def render(path: Path, page: Page, *, is_interactive: bool = False) -> Path:
 
 
 def _interactive(sections: Iterable[Section]) -> InteractiveParts | None:
-    """Return the parts of an interactive page."""
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

@@ -189,7 +189,6 @@ _entries_of_a_kind = lru_cache(maxsize=16)(objects.drive_entries)  # they never 
 
 
 def _own_entries(robot: Robot, number: int) -> list[Entry]:
-    """Return the entries of the emulated drive."""
     axis = robot.axis[number]
     gains = (0.0, 0.0, 0.0, 300.0)
     if axis.control is not None:

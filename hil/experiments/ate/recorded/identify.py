@@ -189,10 +189,7 @@ def _arm_words(arm: Arm, source: str) -> str:
 
 
 def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
-    """Stretches of a recording.
-
-    For a sensor, they leave out the beginning of a recording that starts in motion.
-    """
+    """Stretches of a recording; for a sensor, without one that starts in motion."""
     found = stretches(recorded.motor_rad, recorded.time_s)
     if not is_sensed:
         return found
@@ -262,7 +259,6 @@ def _ratio(
 
 
 def _fit(ready: _Prepared, request: RecordedRequest) -> _Fitted:
-    """Fit all stretches, and their parts."""
     fits, kept, moves, problems = [], [], [], []
     for number, recorded, stretch in ready.chosen:
         section = ready.section(recorded, stretch)
@@ -321,7 +317,6 @@ def _times(each: FoundStretch) -> np.ndarray:
 
 
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
-    """Entry of the model file."""
     errors: dict[str, float] = {}
     values = joint.values
     for order, value in values.items():
@@ -375,7 +370,6 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
 
 
 def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], request: RecordedRequest) -> list[str]:
-    """Sentences for the engineer."""
     notes = []
     for order, change in fitted.changes.items():
         values = [values_of(fit)[order] for _, fit in fitted.parts]
@@ -403,7 +397,6 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
 
 
 def _file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
-    """Entry of a recording."""
     columns = tuple(column.words + (", by its name" if column.is_guessed else "") for column in each.column.values())
     return RecordedFile(
         path=str(each.path), columns=columns, rows=len(each.time_s), duration_s=float(each.time_s[-1]), period_s=each.period_s,
@@ -412,7 +405,6 @@ def _file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
 
 
 def _stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
-    """Entry of a stretch or a part, with its orders."""
     values, stretch = tuple(OrderEntry(order=order, **vars(value)) for order, value in values_of(fit).items()), each.stretch
     return RecordedStretch(
         file=each.file, direction=stretch.direction, turns=stretch.turns, speed_rps=stretch.speed_rps, from_s=stretch.from_s,

@@ -234,10 +234,7 @@ def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, l
 
 
 def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: float) -> Real:
-    """Amplitudes of the probes of the second round.
-
-    They are larger for an order that has shown little, within the limit of an axis.
-    """
+    """Amplitudes of the probes of the second round."""
     shown = np.sqrt(np.mean(effects.effects**2, axis=(1, 2)).reshape(-1, 2).mean(axis=1))
     wanted = size * np.clip(np.median(shown) / np.maximum(shown, 1e-12), 0.5, LARGEST_PROBE)
     amplitude = np.hypot(vector[0::2], vector[1::2])

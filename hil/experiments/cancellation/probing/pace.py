@@ -100,10 +100,7 @@ def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearni
 
 
 def learn_at_pace(runs: Runs, known: KnownSettings, orders: Sequence[float], spread_arcsec: float) -> KnownSettings:
-    """Learn at another pace; known settings stay unless the tip becomes quieter.
-
-    The spread is that of orders of which nothing is known.
-    """
+    """Learn at another pace; known settings stay unless the tip becomes quieter."""
     learning = runs.learning
     runs.say(f"in {learning.pace:g} times the line's time")
     runs.base()

@@ -166,7 +166,6 @@ def shown_reactions(
 def _shown(
     axis: _Axis, parts: Sequence[Part], values: Mapping[Part, complex], loads: Effects, step: Real, recording: Recording
 ) -> ShownReaction:
-    """Fit the reaction of one axis to its load."""
     at_rest = loads.level[0] + np.tensordot(step, loads.effects[:, 0], axes=1)
     own = {part.order: values[part] for part in parts if part.axis == axis.number}
     column, change = axis.reaction_nm(recording, own), np.zeros(2 * len(parts))
