@@ -28,8 +28,6 @@ def data_sheets() -> dict[str, str]:
 def data_sheets_of(robot: Robot) -> dict[str, str]:
     """Return file name and text of each node's EDS.
 
-    It states the node's serial number, motor and gains, and the maker's objects.
-
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
         ValueError: A profile is not a drive's, or a default or a name does not fit into an INI file.

@@ -69,8 +69,6 @@ def faults(
 def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
     """Return the devices at these nodes, or at all that answer.
 
-    The objects of the standard are enough; no profile is needed.
-
     Raises:
         typer.Exit: A node does not answer, or none does.
     """

@@ -340,8 +340,6 @@ _DEFAULTS = _Words(
 def _give(request: TransactionRequest, node: int, choose: Callable[[Device], MemoryCommand], words: _Words) -> None:
     """Give a drive one of the two commands, and print the result.
 
-    Ctrl-C is held until the drive has answered.
-
     Raises:
         typer.Exit: It is not known whether the drive has done it.
         DriveProfileError: The drive has not done it.

@@ -26,6 +26,8 @@ class Capability(Table):
 class Capabilities(Table):
     """Capabilities that decide where loop and notch can run.
 
+    Either can run in the drive or in the host.
+
     Attributes:
         p_pi_inside: The drive closes position P and velocity PI itself.
         notch_inside: The drive holds the notch; exact when it is the paper's filter rather than a fit to it.

@@ -171,8 +171,6 @@ def shape_of(biquad: Biquad, period_s: float) -> Shape:
 def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear") -> Polynomial:
     """Return the polynomial C(z⁻¹) of a quadratic in s.
 
-    The module docstring has the equations.
-
     Raises:
         ValueError: The rule has no such frequency at this sampling time.
     """

@@ -84,8 +84,6 @@ def gains_for(
 ) -> dict[str, float]:
     """Convert the paper's gains, motor side, to the drive's parameters.
 
-    A P-PI takes them directly or with T_i, a PID by `pid_gains`.
-
     held = gain / factor, and / K_t where the drive's unit is a current; then rounded as the object holds it. `scaling` is needed
     where a parameter counts in steps of the drive's encoder or rated torque.
 

@@ -62,8 +62,6 @@ class UploadOptions:
 class UploadResult:
     """Result of an upload on one drive.
 
-    Its fields are the JSON of ``--json``.
-
     Attributes:
         kind: *done*, *rolled back* or *unknown*, as `upload.upload` defines them.
         written: Number of objects that differed and were written.

@@ -442,8 +442,6 @@ LEVER_TOLERANCE = 0.02
 def with_arm(bench: Bench, folder: Path) -> Bench:
     """Return a bench whose arm has its links.
 
-    They come from the URDF file, if it names one.
-
     Raises:
         FileError: The URDF file describes no such arm.
         ValueError: The bench file contradicts the arm.
@@ -464,8 +462,6 @@ def with_arm(bench: Bench, folder: Path) -> Bench:
 
 def with_levers(bench: Bench, arm: ArmTable) -> Bench:
     """Return a bench with levers from the arm's links.
-
-    A lever moves the sensor, at home.
 
     Raises:
         ValueError: The file states another lever.

@@ -104,8 +104,6 @@ def bridged(recording: Recording) -> tuple[dict[int, Real] | None, str | None]:
 def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
     """Return a bench with the tip from the joints' encoders.
 
-    For runs of these axes, one at a time, whatever sensor the bench has.
-
     Raises:
         NotPossibleError: An axis has no load_encoder table; of an arm, any axis.
     """
@@ -124,8 +122,6 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
 
 def check_counting(bench: Bench, recording: Recording, number: int) -> None:
     """Refuse an encoder whose angle contradicts that of the motor.
-
-    A short travel is not checked.
 
     Raises:
         NotPossibleError: It counts the wrong way, or another turn; the message has the numbers.

@@ -251,6 +251,8 @@ SAME_POSTURE_DEG = 3.0
 class IdentifiedPosture(Table):
     """Modes of an arm in a posture, from one axis.
 
+    All other motors were held.
+
     Attributes:
         joints_deg: The posture: joint angles from the base on.
         mode: The modes, from the lowest.

@@ -146,8 +146,6 @@ def notch(
 def _orders(text: str) -> tuple[int, ...]:
     """Return the orders of the option.
 
-    The design refuses those without a filter or an error.
-
     Raises:
         ValueError: The text names no orders.
     """

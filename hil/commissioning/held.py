@@ -164,8 +164,6 @@ class HeldAxis(Run):
     def lower(self) -> None:
         """Disable the axis, as at the end of every run.
 
-        After a stop it has no torque.
-
         Raises:
             SafetyStopError: The drive has not confirmed it.
         """

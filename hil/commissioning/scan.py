@@ -94,8 +94,6 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
 def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
     """Return the labels of a device's profiles.
 
-    The one that the user names, else those that fit its identity.
-
     Raises:
         DriveProfileError: The named profile does not exist, or is of another maker's devices.
     """

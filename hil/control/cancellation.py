@@ -188,8 +188,6 @@ class CancellationLaw:
     def multiply(self, row: int, by_order: Mapping[float, complex]) -> None:
         """Multiply the cancellation of each order by a complex factor.
 
-        What it mixes with is multiplied accordingly.
-
         Args:
             by_order: Factor of each order; 1 where it is not given.
         """

@@ -74,8 +74,6 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
 def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitation:
     """Return a multisine of low peak, scaled to a peak of 1.
 
-    The cosines' phases keep the peak low.
-
     Phases start as Schroeder's, φ_k = −2π Σ_{j<k} (k − j) p_j with p_j the fraction of the power in line j, and are improved by
     clipping: the wave is clipped, its phases are kept, its amplitudes are put back.
 

@@ -134,8 +134,6 @@ class Smooth:
     def way(cls, distance: float, speed: float, ramp_s: float, acceleration: float | None = None) -> Self:
         """Return the move over a distance at a speed.
 
-        A short move does not reach the speed.
-
         Args:
             distance: The distance, in any unit.
             speed: Largest speed, in that unit per second.
@@ -236,8 +234,6 @@ class PlanarChain:
 @dataclass(frozen=True)
 class Line:
     """Straight line of the tip with smooth speed.
-
-    The tip rests before and after.
 
     Attributes:
         start_m: Tip position (x, z) at the start.

@@ -48,8 +48,6 @@ Series = dict[Key, complex]
 def counter_motion(amplitude_rad: Mapping[float, float], phase_rad: Mapping[float, float]) -> tuple[Wave, ...]:
     """Compute the waves of Δ(θ_0) = −a(θ_0 + Δ).
 
-    The waves of the orders themselves come first, in their order, then the mixed ones.
-
     Args:
         amplitude_rad: Amplitudes N A_k at the motor, by order.
         phase_rad: Phases φ_k, by order.

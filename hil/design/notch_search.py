@@ -127,8 +127,6 @@ class Space:
     def around(cls, problem: NotchProblem, order: int, shape: str, f_al_hz: float, template: Notch) -> "Space":
         """Build the space of filters that act throughout the judged window.
 
-        No filter of it acts at rest.
-
         Args:
             shape: `switched` or `trapezoid`.
             f_al_hz: Peak of |G_al|.
@@ -340,8 +338,6 @@ def search(
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> SearchResult:
     """Search the filter of one order with the smallest worst tip peak.
-
-    The peak is that of the worst of all plants, and the filter has to meet all requirements.
 
     Args:
         problem: The axis; its fixed filters act beside the new one.

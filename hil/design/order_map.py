@@ -62,8 +62,6 @@ class OrderMap:
 class OrderTrack:
     """Components of a vibration at some orders, over the motor speed.
 
-    The orders are fitted all at once.
-
     Attributes:
         speed_rps: Mean |f_m| of each window, rev/s, rising; shape (m,).
         direction: +1 where the motor turned forwards, −1 backwards; shape (m,).
@@ -133,8 +131,6 @@ def order_track(
 ) -> OrderTrack:
     """Track components of a vibration at some orders.
 
-    In each window all orders and a parabola are fitted at once by weighted least squares.
-
     The standard error of an order is that of noise as strong as what the residual has beside that order, so that it holds for
     noise of any colour. A component that swells within a window is taken for its mean there, and its skirts count as noise.
 
@@ -154,8 +150,6 @@ def order_tracks(
     motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Sequence[float], turns: float = TURNS
 ) -> list[OrderTrack]:
     """Track several signals of one motion, as `order_track` does one.
-
-    The windows are solved once for all signals.
 
     Args:
         motor_angle_rad: θ_m, unwrapped; shape (n,).

@@ -402,8 +402,6 @@ class PlantProblem:
     def beside(self, x: Real) -> list[Real]:
         """List starts beside a fit, the likeliest first.
 
-        They have the same f_a, total inertia and sensor, but another f_r.
-
         Where a slow SYNC's images lie over the peak of the response, f_r has minima of its own; elsewhere there are no starts.
         """
         plant, tried = self.plant(x), []

@@ -227,8 +227,6 @@ class _RampModel:
     def is_felt(self, tip: _Fit, speed_rps: float) -> bool:
         """True if the motor torque shows the tip's resonance.
 
-        The resonance has to explain more than orders whose amplitudes change linearly.
-
         Args:
             speed_rps: Speed at which the clearest order meets it.
         """

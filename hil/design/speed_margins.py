@@ -84,8 +84,6 @@ class OpenLoops:
 def looked_at_hz(dips_hz: Sequence[float], period_s: float, step: float, high_hz: float = math.inf) -> Real:
     """Choose the frequencies at which loops are computed.
 
-    The step is fine in the band in which filters act on a resonance.
-
     Args:
         dips_hz: Resonances of the plants with the motor held; the first gives the step.
         step: Step in units of the first.

@@ -79,8 +79,6 @@ class RunJudge:
     def rates(self, axis: int) -> Complex:
         """Closed-loop rates of an axis that its loop holds at standstill.
 
-        These are what can ring after a stop.
-
         Raises:
             NotPossibleError: The plant or the gains of the axis are not known.
         """
@@ -267,8 +265,6 @@ def check_shown(what: str, period_s: float, scale: TipScale) -> None:
 
 def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | None = None) -> TipScale:
     """Scale for vibrations that are only compared with each other.
-
-    It comes from f_al, or from the identified resonance of the arm on its gear.
 
     Args:
         identified: Model file of a cancellation; None: the bench file's model holds.

@@ -108,8 +108,6 @@ def design(
 ) -> NotchDesignOutcome:
     """Design the filters of one axis.
 
-    If no filter meets all requirements, the outcome names those that the closest misses.
-
     Args:
         request: Axis, orders, shapes and requirements.
         identified: A model file, which takes precedence over the bench file's model.

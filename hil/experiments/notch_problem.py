@@ -161,8 +161,6 @@ def _ramps(
     """Build the ramps, and the windows of the reached orders.
 
     The ramps are the user's own, a slower and a faster one. The windows are those of orders that the user's own ramp reaches.
-
-    All lead as far as f_al and the axis' speed limit let them, wherever the user's motion ends.
     """
     if bench.constant_acceleration is None:
         raise NotPossibleError(

@@ -183,8 +183,6 @@ def _trial_scale(bench: Bench, experiment: Experiment, motion: Motion) -> TipSca
 class _ExperimentRuns:
     """Runs of one experiment with its treatment.
 
-    A cancellation or a designed filter has a trial first.
-
     Attributes:
         results: Results of the runs; where one was stopped, that one alone.
         count: Number of runs that were begun.

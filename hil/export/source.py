@@ -85,8 +85,6 @@ def bench_beside(log: Path) -> Bench | None:
 def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
     """Return the numbers of a source over time, and its frames' meaning.
 
-    The meaning is that of a log.
-
     Raises:
         HilError: There are no numbers, or several recordings and none is named.
     """

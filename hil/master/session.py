@@ -77,8 +77,6 @@ class NodeSetup:
     def set_up(self, supervisor: Supervisor, *, with_notch: bool) -> None:
         """Write limits, gains, filters, PDOs and supervision; start the nodes.
 
-        Each object is read back.
-
         Args:
             supervisor: Supervisor that sends the first heartbeat and watches the drives from then on.
 
@@ -305,8 +303,6 @@ class Session:
 
     def adopt(self, bench: Bench) -> None:
         """Take the tables of the same axes from another bench file.
-
-        Gains, filters, limits and everything else count for the next runs.
 
         Raises:
             ValueError: The bench file has other axes, nodes or drives.

@@ -14,8 +14,6 @@ from hil.master.network import Network
 class Supervisor:
     """Heartbeat of the master, and reasons to stop.
 
-    The master sends its heartbeat with the cycles, so that it stops with them.
-
     Attributes:
         bus: The same table; a new one counts from the next `begin` on.
         interrupted_by: The signal that asked for an end, or None.

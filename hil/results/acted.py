@@ -69,8 +69,6 @@ class SourceFile(ResultPart):
 def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
     """Return the files of a bench: its own, and those it names.
 
-    They are the user's drive profiles, and the arm's URDF file.
-
     Raises:
         OSError: One of them cannot be read.
     """

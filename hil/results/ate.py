@@ -78,8 +78,6 @@ class AteFit(ResultPart):
 class AteStandardErrors(ResultPart):
     """Standard errors of the transmission error after a pass.
 
-    From all passes so far.
-
     Attributes:
         standard_error: Standard errors by the names of the model file: `a2_arcsec`, `phi2_deg` ….
     """

@@ -141,8 +141,6 @@ class Result(_Written):
     def write(self, path: Path) -> None:
         """Write the file atomically.
 
-        An existing file is replaced.
-
         Raises:
             OSError: The file cannot be written.
         """

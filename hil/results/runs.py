@@ -194,8 +194,6 @@ class RingingMode(ResultPart):
 class RunEntry(MadeRun):
     """One run in one window.
 
-    A ramp has several windows, each with the order that meets the resonance there.
-
     Attributes:
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
         axis: The axis that moves alone; None for the line motion.

@@ -15,8 +15,6 @@ MOST_ROWS_KEPT = 200_000
 class Past:
     """Rows of the last seconds.
 
-    A row has a time and a value of each signal, NaN without one.
-
     Attributes:
         first: Number of the first row that is kept, counted from the start.
     """
@@ -47,8 +45,6 @@ class Past:
 
     def since(self, row: int) -> tuple[int, Real, Real]:
         """Rows from a number on.
-
-        Rows that are not kept any more are left out.
 
         Returns:
             Number of the first row, times and values; shapes (n,), (n, m).

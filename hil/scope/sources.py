@@ -113,8 +113,6 @@ def signals_of(recording: Recording) -> dict[Signal, Real]:
 def recordings_in(directory: Path) -> dict[str, Path]:
     """Return the recordings of a directory by name.
 
-    The directory is that of `hil run` or another command.
-
     Raises:
         NotPossibleError: There is none.
     """

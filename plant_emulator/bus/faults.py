@@ -204,8 +204,6 @@ class FaultsFile(Table):
 class BusFaults:
     """State of the faults on one wire.
 
-    They count the frames that they have met, so they belong to one wire.
-
     Attributes:
         events: Events that no frame causes, in order of time.
         hits: Number of frames that each fault has hit.

@@ -31,8 +31,6 @@ class Queues:
     ) -> bool:
         """Take a frame, into the queue or on its way; return False if full.
 
-        Held frames that it overtakes are queued after it.
-
         Raises:
             ValueError: This is not a frame that can be on the wire.
         """

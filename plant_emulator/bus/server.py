@@ -159,8 +159,6 @@ class Server:
     def _serve_clock(self, holder: Client) -> None:
         """Serve a turn of lock-step to the client with the clock.
 
-        It waits in the client's socket for frames.
-
         The turn ends when the client is silent for `CLOCK_WAIT_S` or has sent its part of the frames; then the others are served.
         """
         for _ in range(TURN_FRAMES):

@@ -49,8 +49,6 @@ def made_up(begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[lis
 def spread(begin_ns: int, end_ns: int, count: int) -> list[int]:
     """Spread frames of known order evenly between begin and end.
 
-    The last one arrives at the end.
-
     >>> spread(0, 90, 3)
     [30, 60, 90]
     """

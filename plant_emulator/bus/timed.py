@@ -212,8 +212,6 @@ class TimedBus:
     def cycle(self, port: int, sync: Frame) -> tuple[list[HeardFrame]]:
         """Queue the clock holder's SYNC, and let a period pass.
 
-        The SYNC is queued after the client's other frames.
-
         The cycles never wait for the bus. Frames that do not fit stay in the queues and arrive in a later period; a full
         queue refuses them.
         """

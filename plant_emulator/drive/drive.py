@@ -56,8 +56,6 @@ def _check_homing_method(method: int) -> SdoAbortCode | None:
 def option_codes(family: DriveFamily, behaviour: Behaviour) -> Callable[[], Options]:
     """Return what gives the option codes in force, 605Ah to 605Eh.
 
-    The limits of their entries state the permitted values.
-
     Homing methods are not contiguous, so limits cannot state them: methods that do not exist are refused (0609 0030h),
     unless the maker states the entry.
     """
@@ -197,10 +195,7 @@ class Drive(SlaveNode):
         return super().power_on(now)
 
     def update(self, now: int) -> list[Frame]:
-        """Process what the axis has done since the last call.
-
-        It may have exceeded a limit, finished a stop, or come to the next set-point.
-        """
+        """Process what the axis has done since the last call."""
         row, signals = self.row, self._signals
         trip = signals.trip[row]
         if trip:

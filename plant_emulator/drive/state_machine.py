@@ -236,8 +236,6 @@ def restarted(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> 
 class DriveStatus:
     """A state of the power drive system with its consequences.
 
-    They are precomputed, since an enum lookup costs more than the rest of the status word.
-
     Attributes:
         is_powered: True if the motor is, or may be, under torque.
         is_stopping: True if the motor is being brought to rest, after which the state changes or the motor is held.

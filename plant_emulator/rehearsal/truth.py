@@ -59,8 +59,6 @@ def tip_by_order_mm(
 ) -> dict[float, float]:
     """Return the largest tip displacement by order, mm.
 
-    Each order has a window in a rising ramp (`_windows`).
-
     Args:
         recording: Recording on a quiet sensor.
         f_al_hz: The robot's own.

@@ -33,6 +33,8 @@ class EccentricityLine(Table):
 class CoggingLine(Table):
     """One order of the motor's cogging torque.
 
+    It comes from the motor's magnets.
+
     Attributes:
         order: Periods in one revolution of the motor.
         torque_nm: Amplitude, on the motor side.

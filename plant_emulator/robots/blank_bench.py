@@ -38,8 +38,6 @@ SECOND_ORDER_END = 0.68
 def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: ArmTable | None = None) -> str:
     """Return the text of a bench file without a model.
 
-    It states ratios, levers, limits, gains, a copied notch and a motion.
-
     Gains are those of an integrator: the velocity loop from the rotor's inertia, K_pp from the resonance of the arm.
 
     Args:

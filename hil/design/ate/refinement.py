@@ -129,8 +129,6 @@ def slopes_by_arm(model: RampsModel, arm: Arm, unknowns: Real) -> Real:
 def projected_slopes(model: RampsModel, arm: Arm) -> Real:
     """Slopes by the arm after projection on the linear unknowns.
 
-    At the minimum they are the residual's slopes with the opposite sign.
-
     That of the linear unknowns themselves is left out, which is of second order; the gradient of the power is exact.
 
     Source: L. Kaufman, A variable projection method for solving separable nonlinear least squares problems, BIT 15 (1975).

@@ -69,8 +69,6 @@ class ArmCase:
     def angle_per_torque(self, frequency_hz: Real, receptance: Complex | None = None) -> Complex:
         """Angle of the own motor per torque.
 
-        The other motors are held or under their laws.
-
         Args:
             frequency_hz: Frequencies; shape (m,).
             receptance: The structure's there, where it is known already.

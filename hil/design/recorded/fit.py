@@ -95,8 +95,6 @@ def waves_of_angle(angle_rad: Real) -> Callable[[Sequence[float]], Real]:
 def least_turns(orders: Sequence[float]) -> float:
     """Least motor revolutions of a stretch that separates some orders.
 
-    They are separated from each other and from the slow part.
-
     >>> least_turns((1, 2, 4))
     2.0
     """

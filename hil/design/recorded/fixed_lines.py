@@ -56,8 +56,6 @@ class Cleaned:
 def without_lines(section: AngleSection, look: OrderColumns, orders: Real, time_s: Real) -> Cleaned:
     """Remove the lines of a fixed frequency from a stretch.
 
-    These keep their frequency, not their order, while the speed changes.
-
     Only a stretch whose speed changes can tell: at one speed a frequency is an order. An order is put through the arm where there
     is one: what rings at the arm's own frequency while an order passes is that order.
 

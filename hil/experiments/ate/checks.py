@@ -108,8 +108,6 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
 def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """Check that a fit belongs to this axis and is significant.
 
-    A fit that further passes may make significant passes too.
-
     `sensorless` is for a fit of the motor torque.
 
     Raises:
@@ -138,8 +136,6 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
 
 def check_factor(factor: float, error: float) -> None:
     """Refuse a signal that does not fit the motor's own motion.
-
-    Such a signal comes from another axis, or from a sensor that feels nothing.
 
     It is the factor that the motor's own motion has in the signal, with its standard error.
 
@@ -192,8 +188,6 @@ def factor_remark(estimate: JointEstimate) -> str | None:
 
 def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> None:
     """Check that the motor made its motion.
-
-    If the motor was stopped on the way, check whether the arm is held.
 
     Raises:
         AteNotIdentifiedError: The motor did not move, or pressed against something that holds it.

@@ -310,8 +310,6 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
 def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """Check an estimate; a failure names the unrequested orders seen.
 
-    See `check_estimate`.
-
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """

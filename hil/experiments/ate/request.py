@@ -201,8 +201,6 @@ def modal_arm(plant: IdentifiedPlant) -> Arm | None:
 def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
     """Range of the accelerometer's delay that is searched.
 
-    It is `DELAY_S`, or the one branch of it that a plant determines.
-
     A delay of half a period of the resonance less, with φ_k turned by 180°, explains the arm's ringing nearly as well: what tells
     both apart is its envelope and the motor's own motion. The plant's excitation has many frequencies: there the delay
     is a slope of the phase.

@@ -77,8 +77,6 @@ class Alternation:
     def everywhere(self, shown: Callable[[Real], Real] | None = None, noise_mm: float | None = None) -> list[PeakChange]:
         """Compare the peaks over the whole motion.
 
-        The spans are the whole motion and its windows, with and without the last braking and rest.
-
         Args:
             shown: What is made of a vibration in m/s² before it is compared, in mm; over (2π f_al)² unless given.
             noise_mm: Standard deviation of the sensor's noise in that.

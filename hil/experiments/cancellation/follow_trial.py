@@ -73,8 +73,6 @@ def try_following(
 
     Returns the entry, and the part of each order from which it is to follow.
 
-    A run that does not follow has the cancellation alone, while the observer listens.
-
     Raises:
         NotPossibleError: The motion does not excite the arm.
         HilError: As the runs.

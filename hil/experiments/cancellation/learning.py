@@ -228,8 +228,6 @@ class AxisLearning:
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
         """Write the transmission error into the model file.
 
-        It is made where it is missing; for the note and the date see `part`.
-
         Raises:
             FileError: The file is not a model file, or cannot be written.
             NotPossibleError: The file is another robot's.
@@ -326,8 +324,6 @@ def learn(
 
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
     """Plan the ramp of the first pass.
-
-    On an arm the acceleration is raised where travel is short.
 
     Raises:
         NotPossibleError: There is no room for any ramp.

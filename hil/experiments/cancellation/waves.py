@@ -102,8 +102,6 @@ def _levers(bench: Bench, motion: Motion, angle_rad: Real) -> list[Real]:
 def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
     """Rows of a recording in which orders are read.
 
-    They are the line motion's window, or the rising speeds of a single axis.
-
     f_al is the lowest of the axes that moved.
 
     Raises:
@@ -116,8 +114,6 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
 
 def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     """Rows of a recording in which vibration is compared.
-
-    They are the line motion's window, or the speeds of a single axis at which an order excites the arm.
 
     Raises:
         NotPossibleError: The motion does not pass such a speed.
@@ -149,8 +145,6 @@ def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
 @dataclass(frozen=True)
 class ProbedRows:
     """Tip's motion in the rows of every run of one motion.
-
-    It has the components x, y and z in the band; the rows are those that judge the motion.
 
     Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
     show orders in the band's upper half. The displacement judges a run.

@@ -193,8 +193,6 @@ _HEADER = (
 def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
     """Format the table as text.
 
-    The text also has the runs that were not judged or left out.
-
     Args:
         width: Columns of the terminal; None: as many as it takes.
     """

@@ -75,8 +75,6 @@ def quiet_speed(f_a: float, limit_rps: float) -> float:
 def fast_speed(f_a: float, limit_rps: float) -> float:
     """Fastest of the slow turns for friction without a ringing order.
 
-    The arm's vibration would cost a torque of its own.
-
     >>> fast_speed(9.9, 10.0), round(fast_speed(7.0, 10.0), 3)
     (3.5, 2.45)
 

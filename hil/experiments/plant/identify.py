@@ -276,8 +276,6 @@ class PlantIdentification:
     def _compared(self, estimate: PlantEstimate, rough: PlantEstimate) -> tuple[PlantEstimate, str | None]:
         """Widen the errors for other torsions, and describe the gear.
 
-        The words concern several modes, or the dependence on the amplitude.
-
         Several modes are not compared between amplitudes, since a pilot may have shown fewer.
         """
         words = modes_words(estimate)

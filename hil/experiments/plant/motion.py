@@ -144,8 +144,6 @@ def plan_travel(
 ) -> Travel:
     """Plan the travel for the requested periods.
 
-    It lies between the position limits, and has as few stretches as possible.
-
     Args:
         excited: Signal to which the excitation is added.
         is_pilot: A single stretch of three periods.
@@ -351,8 +349,6 @@ def planned(
 
 def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float, fastest_rps: float) -> PlannedMotion:
     """Plan the slow motion for friction and gravity.
-
-    It goes back and forth at four speeds, one of them over the whole travel.
 
     Args:
         fastest_rps: Fastest of the speeds, unless the bias speed is.

@@ -61,8 +61,6 @@ class MeasuredPeaks:
 def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samples: int, sync_s: float) -> MeasuredPeaks:
     """Measure the peaks of a stretch of whole periods.
 
-    The mean over the periods follows the excitation.
-
     Args:
         angle_rad: Motor angle less the bias motion; shape (n,).
         torque_nm: Motor torque; shape (n,).

@@ -74,8 +74,6 @@ class RecordedRobot:
 def record(seeds: Sequence[int], kind: str, folder: Path) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Record the robots of some seeds that are not in a folder yet.
 
-    Yields each seed with the words of its refusals. The kind is one of `many.one.KINDS` but `both`.
-
     Raises:
         ValueError: A seed is held out.
     """

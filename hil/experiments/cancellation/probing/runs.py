@@ -64,8 +64,6 @@ class Runs:
     def probe(self, parts: Sequence[Part], probes_arcsec: Real, level: Real | None = None) -> Effects:
         """Make probing runs, and runs at the level.
 
-        Level runs lie among the probing runs and behind them. Returns the effect of each setting.
-
         The amplitude is that of each part's probe, which is added to the level; without a level, its runs are base runs.
         """
         middle = np.zeros(2 * len(parts)) if level is None else level
