@@ -1,13 +1,16 @@
 """Result of `hil identify plant`: plant, standard errors, and responses."""
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+import numpy as np
+from pydantic import BeforeValidator, Field
 
 from hil.bench.model import IdentifiedPlant
 from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.frequency import TwoInertia
 from hil.results.base import MeasuredResult, ResultPart
+
+Floats = Annotated[tuple[float, ...], BeforeValidator(lambda given: given.tolist() if isinstance(given, np.ndarray) else given)]
 
 
 class PlantParameter(NamedTuple):
@@ -116,11 +119,11 @@ class FrictionCurve(ResultPart):
 
     residual_nm: float
     arm_span_deg: float
-    speed_rad_s: tuple[float, ...]
-    arm_angle_rad: tuple[float, ...]
-    torque_nm: tuple[float, ...]
-    model_nm: tuple[float, ...]
-    gravity_nm: tuple[float, ...]
+    speed_rad_s: Floats
+    arm_angle_rad: Floats
+    torque_nm: Floats
+    model_nm: Floats
+    gravity_nm: Floats
 
 
 class PlantCheck(ResultPart):

@@ -58,10 +58,7 @@ def identify_ate(
     )
 
     def empty(described: MeasuredBench) -> AteResult:
-        before = KnownArm(
-            source=knowledge.source, start=knowledge.start, resonance_error_hz=knowledge.resonance_error_hz,
-            damping_error=knowledge.damping_error,
-        )  # fmt: skip
+        before = KnownArm.model_validate(knowledge, from_attributes=True)
         sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
         return AteResult(bench=described, axis=request.axis, sensorless=request.sensorless, known_before=before, sensing=sensing)
 

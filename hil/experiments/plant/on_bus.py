@@ -94,9 +94,7 @@ def _perform(
         result.not_identified = error.reasons
         raise
     finally:
-        result.checks = tuple(
-            PlantCheck(**{name: getattr(check, name) for name in PlantCheck.model_fields}) for check in identification.checks
-        )
+        result.checks = tuple(PlantCheck.model_validate(check, from_attributes=True) for check in identification.checks)
         result.remarks = tuple(identification.remarks)
         for name, recording in identification.recordings.items():
             result.recordings[name] = measurement.keep(recording, f"identify-plant-axis{request.axis}-{name}")
@@ -121,7 +119,7 @@ def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
     result.cannot_tell = evaluation.cannot_tell
     result.response = _response(estimate.response)
     result.tip_response = None if estimate.tip is None else _response(estimate.tip)
-    result.friction = _curve(evaluation.friction)
+    result.friction = FrictionCurve.model_validate(evaluation.friction, from_attributes=True)
 
 
 def _friction_parameters(friction: Friction) -> dict[str, EstimatedParameter]:
@@ -141,16 +139,4 @@ def _response(response: ResponseEstimate) -> FrequencyResponseEntry:
         deviation=response.deviation.tolist(),
         radius=response.radius.tolist(),
         coherence=response.coherence.tolist(),
-    )
-
-
-def _curve(friction: Friction) -> FrictionCurve:
-    return FrictionCurve(
-        residual_nm=friction.residual_nm,
-        arm_span_deg=friction.arm_span_deg,
-        speed_rad_s=friction.speed_rad_s.tolist(),
-        arm_angle_rad=friction.arm_angle_rad.tolist(),
-        torque_nm=friction.torque_nm.tolist(),
-        model_nm=friction.model_nm.tolist(),
-        gravity_nm=friction.gravity_nm.tolist(),
     )
