@@ -76,8 +76,6 @@ class StraightLine:
     Attributes:
         near: Joint angles near the start, which select the arm's configuration; shape (n,).
         end: Pose at the end; its axes are free if the start's are.
-        dwell_s: Time of rest before the motion.
-        tail_s: Time of rest after the motion.
     """
 
     arm: Kinematics

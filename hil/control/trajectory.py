@@ -82,8 +82,6 @@ class PointToPoint:
     Attributes:
         distance_rev: Motor revolutions from rest to rest, negative backwards.
         speed_rps: The speed that is not exceeded; a short way does not reach it.
-        dwell_s: Time of rest before the motion.
-        tail_s: Time of rest after the motion.
     """
 
     distance_rev: float
@@ -239,8 +237,6 @@ class Line:
         start_m: Tip position (x, z) at the start.
         end_m: Tip position (x, z) at the end.
         move: The speed along the line.
-        dwell_s: Time of rest before the motion.
-        tail_s: Time of rest after the motion.
     """
 
     chain: PlanarChain

@@ -161,7 +161,6 @@ def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0)
     Args:
         loop: Law and motor.
         frequency_hz: Frequencies above 0; shape (m,).
-        speed_rps: Motor speed, for the filters.
     """
     gains, jw = loop.cascade, 2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)
     delay = np.exp(-jw * loop.period_s)
@@ -322,15 +321,11 @@ def cancellation_table(
     Each wave c of Δθ_m has the gain G(f_m) = c (Δθ_ref/Δθ_m)/(gain of the bus); for an order c = −N A_k.
 
     Args:
-        loop: Law, motor and filters.
         amplitude_rad: Amplitude A_k at the arm, by order.
         phase_rad: Phase φ_k, by order.
-        timing: Delays of the additions.
         max_rps: Highest motor speed of the table; beyond it the last values stay.
-        actuation: `reference`: by the set-point alone; `torque`: with a torque offset; `torque alone`: by it.
         highest_hz: Highest k f_m at which an order is cancelled.
         most_rad_s2: Largest acceleration of the motor at which its chirp is allowed for.
-        torque_lag_s: Lag of the current loop λ: A (1 + λ s) takes A's place.
         load: Gear torque that reacts on the motor; None if it does not.
 
     Raises:

@@ -231,8 +231,6 @@ def pooled_verdict(
     """Judge filters as `verdict` does, in a worker if there is one.
 
     Args:
-        notches: All filters that act.
-        orders: Orders for which constraint (5) and the tip peak are checked.
         pool: Workers; None judges in this process.
     """
     if pool is None:

@@ -63,9 +63,6 @@ class OrderTrack:
     """Components of a vibration at some orders, over the motor speed.
 
     Attributes:
-        speed_rps: Mean |f_m| of each window, rev/s, rising; shape (m,).
-        direction: +1 where the motor turned forwards, −1 backwards; shape (m,).
-        orders: Orders k; shape (p,).
         component: Complex amplitude c_k: the component is Re(c_k e^{jkθ_m}); shape (m, p).
         standard_error: Standard error of |c_k|; shape (m, p).
     """
@@ -135,10 +132,8 @@ def order_track(
     noise of any colour. A component that swells within a window is taken for its mean there, and its skirts count as noise.
 
     Args:
-        motor_angle_rad: θ_m, unwrapped; shape (n,).
-        values: The vibration, sampled with it; shape (n,).
+        values: The vibration, sampled with θ_m; shape (n,).
         orders: Orders k > 0, at least one turn's worth apart; shape (p,).
-        turns: Length of a window in turns of the motor.
 
     Raises:
         ValueError: As `order_map`, or so few turns do not separate two orders.
@@ -152,10 +147,7 @@ def order_tracks(
     """Track several signals of one motion, as `order_track` does one.
 
     Args:
-        motor_angle_rad: θ_m, unwrapped; shape (n,).
-        signals: What was sampled with it; one and more of shape (n,).
-        orders: Orders k > 0, at least one turn's worth apart; shape (p,).
-        turns: Length of a window in turns of the motor.
+        signals: What was sampled with θ_m; one and more of shape (n,).
 
     Raises:
         ValueError: As `order_track`.

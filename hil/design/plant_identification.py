@@ -132,8 +132,6 @@ def fit_plant(
     accelerometer as a lead of D_l/K_g, 0.1 ms on the reference robot, which its delay hides.
 
     Args:
-        data: Spectra of the main run's periods.
-        timing: Sampling times, and the law inside the drive.
         lever_m: Tip lever L of the bench file.
         gravity_nm_rad: Slope dM/dθ_l of the gravity moment over the stretch, which acts as a second spring on the arm.
         near: An earlier estimate to start from, besides the fit's own guesses.

@@ -175,7 +175,6 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
 
     Args:
         log: File for every frame; None for none.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
 
     Raises:
         NodeError: The axis has moved since the move was planned, or its fault stays.

@@ -47,7 +47,6 @@ class NotchDesignOutcome:
     """End of a notch design.
 
     Attributes:
-        f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the best filters, or those that miss least; None if only the given ones were judged.

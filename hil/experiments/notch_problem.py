@@ -58,7 +58,6 @@ class NotchDesignRequest:
         requirements: Margins and tip peak; None for the defaults with the bench file's specification.
         uncertainty_percent: Uncertainty of K_g and J_l; None for the model file's standard errors, or 5 %.
         period_s: Sampling time of the loop; None for the drive family's, or 250 µs.
-        delay_samples: Whole samples between measurement and torque.
         jobs: Number of processes; 0 for this one alone.
         is_given: True to judge the bench file's own filters only.
     """

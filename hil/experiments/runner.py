@@ -109,7 +109,6 @@ def run_experiments(
         clock: The clock that the bus must have; None for whichever it has.
         knowledge: Knowledge beside the bench file; its identified models take precedence over the bench file's.
         repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
 
     Raises:
         ValueError: The paper's claims are asked of another robot.

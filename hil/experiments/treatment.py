@@ -84,9 +84,6 @@ def known_from(
     Args:
         bench_file: File of the bench, or a name of the package.
         bench: The bench that it has given.
-        model: Model file of `hil identify`.
-        design: Design file of `hil design`.
-        learnt: Model file of `hil learn`.
 
     Raises:
         FileError: A file is not valid; every problem is listed by line.

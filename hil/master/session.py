@@ -422,8 +422,6 @@ class Session:
         """Prepare the exchange with these axes and the sensor; nothing is sent.
 
         Args:
-            loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
-            with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             watched: Axes that do not take part, but whose second encoders do.
         """
         return CyclicExchange(

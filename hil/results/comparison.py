@@ -12,7 +12,6 @@ class ComparisonRequestEntry(ResultPart):
     """Request of a comparison.
 
     Attributes:
-        axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
         named: Treatments that the user has named.
     """
 
@@ -38,8 +37,6 @@ class AxisCompliance(ResultPart):
     """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
 
     Attributes:
-        slow: Compliance at 1 Hz.
-        peak: Largest compliance from 0.1 to 30 Hz.
         peak_hz: Frequency of the largest compliance.
     """
 
@@ -92,7 +89,6 @@ class ComparisonRobot(ResultPart):
         versions: Versions by package; None if nothing was run.
         emulated: True if any of its nodes is emulated; None if that is not known.
         emulated_parts: Its parts that are emulated, where others are not.
-        all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
     """
 
     name: str

@@ -27,7 +27,6 @@ class LearningPass(ResultPart):
     """Estimate after a pass.
 
     Attributes:
-        gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip around f_al, at the speeds that excite the arm.
     """
 
@@ -79,7 +78,6 @@ class ProbingRun(MadeRun):
         what: `base` without any cancellation, `probe` with small known ones, `applied` with the learnt one.
         tip_peak_mm: Largest displacement of the tip in the band, in any direction; None if the run was not read.
         tip_rms_mm: Root mean square of it, all directions together.
-        pace: Multiple of the motion's time in which it was run.
     """
 
     number: int
@@ -94,7 +92,6 @@ class ProbedPart(ResultPart):
     """Estimate of one order of one axis from all runs.
 
     Attributes:
-        outcome: `learnt`, or why it is left at 0.
         a_arcsec: Amplitude; None if it is left at 0.
         seen_fraction: Fraction of it that the runs show.
     """
@@ -121,8 +118,7 @@ class MotionLearningResult(MeasuredResult):
     """Result of learning on a motion.
 
     Attributes:
-        motion: `line-motion` or `constant-acceleration`.
-        axis: Axis of the latter.
+        axis: Axis of a constant-acceleration motion; None for a line.
         base_peak_mm: Peak of the tip without cancellation, of the mean of the base runs.
         noise_mm: Root mean square of what equal runs differ by.
         noise_m_s2: The same of the acceleration from which is learnt.

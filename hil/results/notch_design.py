@@ -110,10 +110,8 @@ class NotchDesignResult(Result):
         plants: Plants for which they must hold.
         reason: Reason why none does.
         usable: True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
-        given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the designed filters; None if only the given ones were judged.
         emulated: True if plant or transmission error were identified on an emulated robot.
-        notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """
 
     kind: Literal["design-notch"] = "design-notch"

@@ -97,9 +97,7 @@ class FrequencyResponseEntry(ResultPart):
     """Frequency response on the excited lines; all of shape (n,).
 
     Attributes:
-        frequency_hz: Frequencies of the lines.
         deviation: Standard error of either part.
-        radius: Radius of the circle that holds the true value with a probability of 95 %.
         coherence: Fraction of the motion in a period that follows the excitation.
     """
 
@@ -145,7 +143,6 @@ class PlantResult(MeasuredResult):
         parameters: Every number with its standard error, by name.
         modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
-        response: Motor angle per torque.
         tip_response: Tip acceleration per motor angle; None without an accelerometer.
         identified: Entry of the model file.
     """

@@ -45,7 +45,6 @@ class RecordedStretch(ResultPart):
 
     Attributes:
         file: Number of its file, from 0.
-        direction: +1 forwards, −1 backwards.
         speed_rps: Median of its speed.
         from_s: Its beginning, from the first row.
         degree: Degree of the slow part that was chosen.
@@ -65,8 +64,7 @@ class OrderChange(ResultPart):
     """An order against itself in several stretches or parts.
 
     Attributes:
-        probability: Probability of the differences, were they noise alone.
-        widened: Factor by which they widen its standard errors.
+        widened: Factor by which the differences widen its standard errors.
         is_seen: True if noise does not explain them.
     """
 
@@ -97,7 +95,6 @@ class FixedLine(ResultPart):
 
     Attributes:
         order: Order at which it lies at most of the speeds.
-        amplitude: Amplitude, in the unit of the signal.
     """
 
     hz: float

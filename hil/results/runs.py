@@ -26,8 +26,6 @@ class TrialRun(ResultPart):
     """One run of a trial against the run without cancellation.
 
     Attributes:
-        what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the rows that are judged, in the band around f_al.
         reduction_fraction: Fraction by which the vibration is below that of the run without.
     """
 
@@ -45,8 +43,6 @@ class TrialPart(ResultPart):
         expected_fall_fraction: Fraction by which a right cancellation lowers this order when the tried fraction of it acts.
         fall_fraction: Fraction by which this order fell with it.
         left_fraction: Fraction of this order that the whole cancellation leaves.
-        factor: Factor by which the cancellation should be multiplied; None if nothing of it was seen.
-        turn_deg: Angle by which φ_k should be turned.
     """
 
     axis: int
@@ -97,7 +93,6 @@ class CancellationTrial(ResultPart):
 
     Attributes:
         before_m_s2: Vibration without it.
-        gain: Fraction of the cancellation that was tried first.
         is_good: True if at least one order of one axis is accepted, and used.
         trials: Runs with the tried fraction on all axes, on each alone if there are several, and with the whole.
         remainder: Remaining vibration, and its causes; None without cancellation.
@@ -126,8 +121,7 @@ class FilterTrialPeak(ResultPart):
 
     Attributes:
         order: Order of the window; None for the only one of a line motion.
-        before_mm: Peak without.
-        after_mm: Peak with them.
+        after_mm: Peak with the filters.
     """
 
     order: float | None
@@ -212,7 +206,6 @@ class RunEntry(MadeRun):
         remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
         order_mm: Largest amplitude of the order itself in the window, as a displacement; None if it cannot be tracked.
-        noise_mm: Largest tip displacement that noise alone would show in the window.
         directions: The tip along x, y and z of the base frame and along the worst direction, on a bench with an arm; the numbers
             above are then those of the worst.
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.

@@ -86,7 +86,6 @@ class Drive(SlaveNode):
     `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
 
     Attributes:
-        row: Row of the axis in `Axes.rows`.
         behaviour: The quirks that the robot file gives the drive.
         family: The drive's family: which drive it is, and what of it is not emulated.
         on_state: Called with the state before and the new one, before the power stage follows.

@@ -82,8 +82,6 @@ def write_lines(
     Orders of the joint become orders m/N of the motor.
 
     Args:
-        eccentricity: Orders of the joint.
-        cogging: Orders of the motor's torque.
         row: The record, changed in place.
     """
     row["is_eccentric"], row["is_cogging"] = float(bool(eccentricity)), float(bool(cogging))

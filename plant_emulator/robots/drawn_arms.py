@@ -76,7 +76,6 @@ def draw_drives(
     Args:
         folder: Folder from which the path counts.
         home_deg: Joint angles at which the motors are at zero, one each, or none: all 0.
-        seed: Seed of all draws, and of the robot's own noise.
         tip_link: Link whose frame is that of the tip; None: the only one at the arm's end.
 
     Raises:

@@ -33,9 +33,6 @@ class Simulation:
         time_s: Shape (n,).
         axes: The axes that moved, in the order of the columns below.
         reference_counts: Set-points; shape (n, axes).
-        position_counts: Encoders; shape (n, axes).
-        arm_angle_rad: True arm angles; shape (n, axes).
-        torque_nm: Motor torques; shape (n, axes).
         tip_acceleration_m_s2: Acceleration (X, Y, Z) of the tip as the accelerometer passes it on, without noise; shape (n, 3).
     """
 
@@ -101,8 +98,6 @@ def simulate(
     Set-points are rounded to counts and gains to single precision, as they are when they cross the bus.
 
     Args:
-        axis: The axis of a constant-acceleration run, or None for the line motion.
-        notches: Filters by axis; none for an axis that is left out.
         sync_period_s: A whole number of control periods.
         settle_s: Rest of the axes before the motion begins.
 

@@ -94,9 +94,7 @@ class MassFit:
         basis: Base parameters in terms of θ, as columns; shape (parameters, base).
         unknowns: β, in units of its size, and ln K; shape (base + n,).
         size: Size of β.
-        misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
         residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
-        best: Row of the posture of the workspace that would add most information.
     """
 
     basis: Real

@@ -43,10 +43,6 @@ def identify_ate(
 
     These are recordings, bus log and result.json, also if the identification fails.
 
-    Args:
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
-
     Raises:
         HilError: Nothing has moved yet: nodes or limits do not allow it.
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.

@@ -79,11 +79,7 @@ class FollowingSetUp:
 
 @dataclass
 class FollowingAdder:
-    """Set-point adder of a cancellation that follows.
-
-    Attributes:
-        uses_torque: True if torque offsets (60B2h) are mapped.
-    """
+    """Set-point adder of a cancellation that follows."""
 
     uses_torque: bool
     _cancellation: CancellationLaw

@@ -78,7 +78,6 @@ def learn_on_bus(
         model: The model file; if it exists, it is read for the motors' inertia and the known orders; it is written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
             Of a transmission error in it, those orders are kept that the passes do not better.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
 
     Raises:
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.

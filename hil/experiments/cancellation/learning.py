@@ -261,7 +261,6 @@ def learn(
     Args:
         identified: The model file: the motor's inertia, and orders that the passes may not better. None: the bench file's model.
         passes: Number of passes, each back and forth; two at least.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
         motor_inertia_kg_m2: J_m from a data sheet, where neither file has a plant.
         keep: Keeper of every pass, a stopped one included, before it is checked.
 

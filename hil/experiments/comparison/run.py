@@ -25,8 +25,6 @@ class ComparisonOutcome:
     """End of a comparison.
 
     Attributes:
-        result: Content of `result.json`.
-        failure: Error that ended it early, or None.
         unmet: Sentences on named treatments that were not compared, were refused, or could not be judged.
     """
 

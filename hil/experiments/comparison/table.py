@@ -28,7 +28,6 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
     """Gather one robot's rows.
 
     Args:
-        directory: Directory of its runs, below the comparison's.
         result: Result of its runs; None without one.
         ended: Reason why they ended early; empty if they did not.
     """

@@ -44,7 +44,6 @@ def run_identify_plant(
 
     Args:
         model: Model file for the plant; None for none.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
 
     Raises:
         HilError: Nothing has moved yet: the request, nodes, limits or the bus do not allow it.

@@ -73,7 +73,6 @@ class GoTo(NamedTuple):
 
     Args:
         counts: Position of the encoder.
-        is_hard: True if a limit switch asks for the ramp of 6085h instead of 609Ah.
     """
 
     counts: float

@@ -82,7 +82,6 @@ def run_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, prob
 
     Args:
         kind: One of `KINDS`.
-        keep: As of `walked`.
         probed_every: Wrong corrections are tried on robots whose seed is a multiple of this; they cost as much as the path.
     """
     options = PathOptions(over_bus=over_bus, keeps_files=keep is not None, with_probes=seed % probed_every == 0)

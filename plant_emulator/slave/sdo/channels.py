@@ -110,7 +110,6 @@ class SdoChannels:
 
     Attributes:
         servers: By the identifier of their requests, the servers of the channels that exist.
-        due: Time at which `advance` must be called, or None.
     """
 
     def __init__(self, dictionary: Dictionary, make_server: Callable[[], SdoServer], changed: Callable[[], None]) -> None:

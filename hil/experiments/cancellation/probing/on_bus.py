@@ -38,9 +38,6 @@ class MotionLearnRequest:
     Attributes:
         motion: `line-motion` or `constant-acceleration`.
         axis: The axis of the latter; None for a line.
-        probe_arcsec: Amplitude of a probe; None: by what the tip does without cancellation.
-        note: Load, temperature: goes into the model file beside the date.
-        motor_inertias_kg_m2: J_m from data sheets by axis, where no plant is known.
         pace: Multiple of a line's time in which it is learnt as well; None: at its own pace alone.
     """
 
@@ -88,10 +85,8 @@ def learn_motion_on_bus(
     """Learn on a motion, and write what makes the tip quieter.
 
     Args:
-        out: Directory for recordings, bus log and result.json; made where it is missing.
         model: The model file: read for the motors' inertia, where it exists, and written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
 
     Raises:
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.
