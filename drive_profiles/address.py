@@ -38,17 +38,6 @@ class AddressError(ValueError):
         super().__init__(f"{where}{text!r}{why}")
 
 
-class UnknownInterfaceError(AddressError):
-    """A bus address with an interface that there is not."""
-
-    def __init__(self, text: str, interface: str, known: tuple[str, ...], origin: str = "") -> None:
-        """Compose the message; `known` lists the valid interfaces."""
-        self.interface, self.known = interface, known
-        close = difflib.get_close_matches(interface, known, n=1)
-        hint = f", did you mean {close[0]}" if close else ""
-        super().__init__(text, origin, f": unknown interface {interface!r}{hint}; expected one of {', '.join(known)}")
-
-
 @dataclass(frozen=True)
 class Address:
     """Address of a CAN bus: interface, channel and bit rate.
@@ -136,7 +125,9 @@ def check_interface(text: str, origin: str = "") -> None:
 
     if interface not in VALID_INTERFACES:
         known = (LOCAL, SOCKETCAN, *sorted(set(VALID_INTERFACES) - {SOCKETCAN, PYTHON_CAN_LOCAL}))
-        raise UnknownInterfaceError(text, interface, known, origin)
+        close = difflib.get_close_matches(interface, known, n=1)
+        hint = f", did you mean {close[0]}" if close else ""
+        raise AddressError(text, origin, f": unknown interface {interface!r}{hint}; expected one of {', '.join(known)}")
 
 
 @dataclass(frozen=True)

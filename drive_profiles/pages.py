@@ -239,7 +239,8 @@ def _notch_held(profile: Profile) -> Iterator[str]:
     if profile.notch is None:
         return
     yield "### The paper's notch (Table 3) in this drive"
-    assumed_s = None if _knows_period(profile) else ASSUMED_PERIOD_S
+    is_known = any(fact is not None and fact.period_s is not None for fact in (profile.notch, profile.loop))
+    assumed_s = None if is_known else ASSUMED_PERIOD_S
     if assumed_s:
         yield f"The period of the drive's filter is not known; the table assumes {1e6 * assumed_s:g} µs."
     rows = []
@@ -247,10 +248,6 @@ def _notch_held(profile: Profile) -> Iterator[str]:
         target = NotchTarget.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)
         rows.append((axis, f"{target.zero_hz:.2f} Hz", f"{target.pole_hz:.2f} Hz", *_held(profile, target, assumed_s)))
     yield _table(("axis", "zeros requested", "poles requested", "zeros held", "poles held", "depth lost", "verdict"), rows)
-
-
-def _knows_period(profile: Profile) -> bool:
-    return any(fact is not None and fact.period_s is not None for fact in (profile.notch, profile.loop))
 
 
 def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
     In a checkout it comes from .git, with ", modified" if the files differ; in an installed wheel from the file that the build
     wrote. Another project's repository around the package is not taken for ours.
     """
-    if _is_ours(project):
+    if (project / ".git").exists() and f'name = "{DISTRIBUTION}"' in _text(project / "pyproject.toml"):
         commit = commit_of(project)
         return commit[:_COMMIT_DIGITS] + (", modified" if commit and _is_modified(project) else "")
     return _first_line(built)
@@ -58,10 +58,6 @@ def _packed(git: Path, name: str) -> str:
         if reference == name:
             return commit
     return ""
-
-
-def _is_ours(project: Path) -> bool:
-    return (project / ".git").exists() and f'name = "{DISTRIBUTION}"' in _text(project / "pyproject.toml")
 
 
 def _is_modified(project: Path) -> bool:

@@ -14,10 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
-
-Real = NDArray[np.float64]
 
 SPEED_LOWPASS_HZ = 20.0
 """Corner of the low-pass, forward and backward, that makes a speed from the sampled motor angle."""
@@ -54,7 +53,6 @@ class TipScale:
 
     Attributes:
         f_al_hz: Peak of |G_al|, by which an acceleration becomes a displacement.
-        band_hz: Band of the vibration.
         peak_band_hz: Band in which the largest line of the spectrum is looked for.
         windows_rps: Motor speeds in which a ramp is judged, by the order k that meets f_al there.
     """
@@ -171,8 +169,6 @@ def without_phase(values: Real, period_s: float, kind: Kind, *corners_hz: float)
 
     Args:
         values: The signal; shape (n,).
-        period_s: Sampling period.
-        kind: Kind of the filter.
         corners_hz: Corner, or both of a bandpass.
 
     Raises:
@@ -308,14 +304,11 @@ DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "worst")
 class DirectionMetrics:
     """The tip's vibration along one direction of the base frame.
 
-    Or along the worst one; see `hil.tip_vector`.
-
     Attributes:
         unit: The direction, of length 1: the worst is that of the largest displacement; None if no f_al is known.
         tip_peak_mm: Largest |displacement|; None if no f_al is known.
         tip_rms_mm: Root mean square of the displacement; of the worst that of the whole vector: no direction has more.
         spectrum_peak_m_s2: Largest amplitude of the spectrum near f_al; of the worst that of the whole vector.
-        spectrum_peak_hz: Its frequency.
         spectrum_area: Area of the amplitude spectrum from 0.2 f_al to 50 Hz, m/s²·Hz; of the worst that of the whole vector.
     """
 
@@ -333,14 +326,11 @@ class Metrics:
 
     Attributes:
         tip_peak_mm: Largest |tip displacement| in the window.
-        tip_rms_mm: Root mean square of the tip displacement in the window.
         spectrum_peak_m_s2: Largest amplitude near f_al of the Hann spectrum of the window, or of the spectrum of the line motion.
-        spectrum_peak_hz: Frequency of that amplitude.
         spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window in the band of the
             vibration (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
         ramp_peak_mm: Largest |tip displacement| on the whole ramp, without the jerks at its ends; None for the line motion.
         order_mm: Largest amplitude of the order itself in the window, as a displacement; None if it cannot be tracked there.
-        order_error_mm: Its standard error.
         noise_mm: Largest tip displacement that noise alone would show in the window.
         directions: The tip as a vector, on a bench with an arm: the numbers above are then those of the worst direction.
     """

@@ -81,10 +81,7 @@ def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
 
 
 def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
-    """Return the claims on the line with the judged numbers.
-
-    A number that was not judged is None.
-    """
+    """Return the claims on the line; None is found where nothing was judged."""
     before, after = (peaks_mm(entries, treatment) for treatment in ("none", LEARNT))
     rises = [after[name] - before[name] for name in ALONG if name in before and name in after]
     noise_mm = next((run.noise_mm for run in entries if run.treatment == LEARNT and run.noise_mm is not None), 0.0)

@@ -44,8 +44,6 @@ class DrawnRobot:
 def draw_robot(seed: int, folder: Path) -> DrawnRobot:
     """Let `plant-emulator fleet` draw a robot with a real gear.
 
-    Write its files into a folder, if they are not there yet.
-
     Raises:
         NotPossibleError: It cannot; its output is in the message.
     """

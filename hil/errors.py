@@ -81,10 +81,7 @@ class NotPossibleError(HilError):
 
 
 class NodeError(errors.NodeError, HilError):
-    """A node is not as the bench needs it.
-
-    Nothing has been enabled.
-    """
+    """A node is not as the bench needs it."""
 
 
 class NoAnswerError(errors.NoAnswerError, NodeError):

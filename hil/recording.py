@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.files.safefile import naming
 from hil.can.frame import CAN_SFF_MASK, RECORD, Frame
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 TIP = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2")
 """Acceleration of the tip; on a bench with an arm in the base frame."""
@@ -173,19 +171,9 @@ Logged = LoggedFrame | LoggedMessage | LoggedCycles
 
 
 class BusLog:
-    """Log of every frame of the master.
-
-    In memory while an axis moves, written to the file between the motions.
-
-    Attributes:
-        is_on: True if frames are logged.
-    """
+    """Log of every frame of the master."""
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
-        """Log to a file, or nowhere.
-
-        `channel` is the name of the bus in the log.
-        """
         self.is_on = path is not None
         self._path = path
         self._channel = channel

@@ -4,19 +4,13 @@ from typing import Final
 
 
 class Reporter:
-    """Listener of a measurement or a computation, called from its thread.
-
-    This one shows nothing; it is the base of those that show some of it.
-    """
+    """Listener of a measurement or a computation, called from its thread."""
 
     def run(self, title: str) -> None:
         """Show that a run of an experiment begins."""
 
     def step(self, sentence: str) -> None:
-        """Show that a step begins.
-
-        A trial, a pass, or a part of a tour.
-        """
+        """Show that a step begins."""
 
     def progress(self, fraction: float) -> None:
         """Show the progress of the present motion or search, 0 to 1."""

@@ -1,7 +1,4 @@
-"""One experiment from Python, as with `hil run`.
-
-Result and recording are objects.
-"""
+"""One experiment from Python, as with `hil run`."""
 
 import math
 from dataclasses import dataclass
@@ -66,8 +63,6 @@ def run(
     yes: bool = False,
 ) -> ExperimentRun:
     """Run one experiment on a bench file's robot, as `hil run`.
-
-    `hil report` writes its page from the folder.
 
     Args:
         bench_file: Path of the bench file, or a name of the package: `reference`.

@@ -12,11 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_]
+from hil.control.arrays import Complex, Real, Rows
 
 MOST_SWINGS = 3
 """Largest number of resonances that are looked for."""
@@ -34,7 +31,6 @@ class Swing:
     """Vibration of the tip at one frequency.
 
     Attributes:
-        frequency_hz: The frequency.
         amplitude_mm: Complex amplitude a along x, y and z, in a Hann window over the rows; shape (3,).
         row: Row around which the vibration at this frequency was largest.
     """
@@ -45,10 +41,7 @@ class Swing:
 
     @cached_property
     def half_axes_mm(self) -> tuple[Real, Real]:
-        """Long and short half-axis of the ellipse; shape (3,) each.
-
-        In the frame of the amplitude.
-        """
+        """Long and short half-axis of the ellipse; shape (3,) each."""
         turned = self.amplitude_mm * cmath.exp(-0.5j * cmath.phase(complex(self.amplitude_mm @ self.amplitude_mm)))
         return np.real(turned), np.imag(turned)
 

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import (
     DIRECTIONS,
@@ -23,10 +22,8 @@ from hil.analysis import (
     peak_of,
     shown_band,
 )
+from hil.control.arrays import Real, Rows
 from hil.recording import TIP, Recording
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 BAND_POWER = 8
 """Power by which the band falls: that of Butterworth's of order 4 without phase. Of the motion below it, which grows with 1/f² by
@@ -100,8 +97,6 @@ def vector_metrics(
     acceleration_m_s2: Real, period_s: float, judged: Rows, moving: Rows, window: str, scale: TipScale | None
 ) -> dict[Direction, DirectionMetrics]:
     """Compute the metrics of the tip's vector by direction.
-
-    Along x, y, z and the worst direction.
 
     Args:
         acceleration_m_s2: The tip's acceleration in the base frame; shape (n, 3).

@@ -79,7 +79,6 @@ class TourOutcome:
 
     Attributes:
         result: Content of `result.json`: that of a comparison, and the steps.
-        failure: Error that ended it early, or None.
         comparison: End of the comparison; None if the tour ended before.
     """
 
@@ -122,10 +121,8 @@ class TourRunner(ABC):
     """Runner of a tour: makes the steps, notes them, and writes the result.
 
     Attributes:
-        reporter: Listener of each step, and of each run of the comparison.
         request: Request of the comparison that the tour ends with.
         emulated: Whether the robot of each step was emulated, as far as that is known.
-        comparisons: Outcome of the comparison, once it has run.
     """
 
     def __init__(self, bench: Bench, out: Path, reporter: Reporter, request: ComparisonRequest) -> None:
@@ -211,7 +208,6 @@ class _TourRunner(TourRunner):
 
     Attributes:
         axes: Axes that are identified and get a filter.
-        effort: Effort of the search for a filter.
         robot: The drawn robot that is served, or None.
         designed: Axes with a designed filter; None for all.
         notches: Both notches of the axes that had one before.
@@ -248,10 +244,7 @@ class _TourRunner(TourRunner):
         return self.out / f"notch-axis{axis}.toml"
 
     def take_steps(self) -> None:
-        """Identify, design, upload, and run side by side.
-
-        If no notch meets all requirements, a step notes it, and the comparison has no designed notch.
-        """
+        """Identify, design, upload, and run side by side."""
         for axis in self.axes:
             self.step(f"identify plant, axis {axis}", partial(self.identify_plant, axis), _plant_page(axis))
             self.step(f"identify transmission error, axis {axis}", partial(self.identify_ate, axis), _ate_page(axis))
@@ -409,12 +402,10 @@ def run(
     `out/result.json` has the steps, also after a failure.
 
     Args:
-        address: Address of the bus.
         out: Directory; made if it is missing. Model and design file of an earlier tour are replaced.
         axes: Axes that are identified and get a filter; empty for those of the bench file with a notch.
         experiments: Experiments of the comparison, as far as the bench file has them.
         effort: Effort of the search for a filter; None for that of `hil design notch --quick`.
-        reporter: Listener of each step, and of each run of the comparison.
         bench_text: Text of the bench file; None for the drawn robot's, and without one for the reference bench without any model.
         robot: The drawn robot that is served. Its file is read only at the end, to compare its true numbers with the
         identified ones.

@@ -12,10 +12,7 @@ FEW = 8
 
 
 def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
-    """Yield the lines of the announcement.
-
-    They are the bus, then the drives; drives of many axes with equal texts share a line.
-    """
+    """Yield the lines of the announcement."""
     nodes = robot.node_ids
     drives = [f"axis {axis} at {node_name(robot, node)}" for axis, node in nodes.items()]
     if len(drives) > FEW:

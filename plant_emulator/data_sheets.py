@@ -28,8 +28,6 @@ def data_sheets() -> dict[str, str]:
 def data_sheets_of(robot: Robot) -> dict[str, str]:
     """Return file name and text of each node's EDS.
 
-    It states the node's serial number, motor and gains, and the maker's objects.
-
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
         ValueError: A profile is not a drive's, or a default or a name does not fit into an INI file.
@@ -49,8 +47,6 @@ def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_co
 
     Args:
         dictionary: Object dictionary of any emulated node, also of a described drive.
-        file_name: Name that the file will have.
-        product: Name of the product.
         order_code: By which it is ordered; left out, the product's name.
 
     Raises:

@@ -63,9 +63,7 @@ class World:
     A node whose controller is bus-off neither receives nor sends until it has recovered or been power-cycled.
 
     Attributes:
-        now: The world's time in ns.
         axes: The mechanics.
-        drives: Drives by axis number.
         accelerometer: The node at the tip.
         course: The core's record for cycles that need no Python.
         on_power_cycle: Called with the port of a node that gets its supply back.
@@ -75,7 +73,6 @@ class World:
         """Build the nodes; `power_on` starts them.
 
         Args:
-            robot: The robot file.
             unconfigured: Ports of nodes that have left the factory without a node-ID, beside those of the robot file: an LSS
                 master must give them one.
 
@@ -243,10 +240,7 @@ class World:
         return 1000 * shortest or self._period_ns
 
     def begin_lock_step(self) -> list[Frame]:
-        """Advance to the next whole second.
-
-        Every run then begins with the same phase of the clock.
-        """
+        """Advance to the next whole second."""
         return self.free_step(-(-self.now // SECOND) * SECOND)
 
     def hear(self, frame: Frame) -> list[tuple[int, Frame]]:
@@ -338,7 +332,6 @@ class World:
             message: Records of RPDOs, and of a SYNC behind them.
             start: SOF of the first, in ns.
             begin: Beginning of the cycle, at the end of the one before or later.
-            bit_ns: Time of a bit.
 
         Returns:
             None if the frames must go one by one; then nothing has happened.
@@ -374,10 +367,7 @@ class World:
         self._plain_period_ns = self.period_ns
 
     def measure(self) -> tuple[float, float, float]:
-        """Draw a sample of the accelerometer, in m/s².
-
-        Its node does so once per SYNC.
-        """
+        """Draw a sample of the accelerometer, in m/s²."""
         return self._sensor.sample(self.axes.sensed_acceleration())
 
     def finish_period(self) -> list[Frame]:
@@ -387,10 +377,7 @@ class World:
 
     @property
     def due(self) -> int | None:
-        """Next instant at which a node acts by itself.
-
-        It is None if only a frame or a motion can wake a node.
-        """
+        """Next instant at which a node acts by itself."""
         wakes_at = self._wakes_at
         if wakes_at == _UNKNOWN:
             wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
@@ -467,10 +454,7 @@ class World:
                 return frames
 
     def free_step(self, until: int) -> list[Frame]:
-        """Let time pass in short steps.
-
-        Drives then notice limits and finished ramps in time.
-        """
+        """Let time pass in short steps."""
         frames: list[Frame] = []
         while self.now < until:
             frames += self.advance(min(until, self.now + FREE_STEP_NS))

@@ -205,8 +205,6 @@ def joined(words: list[str], current: int) -> tuple[list[str], int, str]:
 
     Returned are the words as typed, the index of the current one, and the part of it that bash keeps.
 
-    Bash parts `--drive 2=emu` into four words and replaces only the last one by what is offered.
-
     >>> joined(["serve", "--drive", "2", "=", "emu"], 4)
     (['serve', '--drive', '2=emu'], 2, '2=')
     """

@@ -186,8 +186,6 @@ def confirm(question: str, *, yes: bool) -> None:
 class Interrupts:
     """Hold of signals while a command writes to a drive.
 
-    From `hold` on they no longer end the program.
-
     The signals are Ctrl-C, SIGTERM, SIGHUP (the terminal has closed) and, on Windows, Ctrl-Break. If a Windows console
     closes, it may end the program at once; the journal then shows what was written. In the process of a tool the signals are
     held until it ends, so that none can change the exit status of a finished command.

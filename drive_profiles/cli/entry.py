@@ -35,10 +35,7 @@ came: list[int] = []
 
 
 def start(package: str) -> None:
-    """Load a tool and run it; never returns.
-
-    The `app` of the package's `cli.main` is run.
-    """
+    """Load a tool and run it; never returns."""
     global _tool  # noqa: PLW0603 - a process has one tool
     _tool = package.replace("_", "-")
     os.environ.setdefault(ONE_THREAD, "1")

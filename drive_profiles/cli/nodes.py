@@ -69,8 +69,6 @@ def faults(
 def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
     """Return the devices at these nodes, or at all that answer.
 
-    The objects of the standard are enough; no profile is needed.
-
     Raises:
         typer.Exit: A node does not answer, or none does.
     """
@@ -177,11 +175,7 @@ def nmt(
 
 
 def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
-    """Wait until every node has sent its boot-up message.
-
-    Raises:
-        typer.Exit: One has not.
-    """
+    """Wait until every node has sent its boot-up message."""
     deadline = time.monotonic() + BOOT_S
     while missing := [node for node, boots in before.items() if bus.boots(node) <= boots]:
         bus.check()

@@ -39,10 +39,7 @@ def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | Non
 
 
 def _widths(columns: list[list[str]], width: int | None) -> list[int] | None:
-    """Return the width of each column.
-
-    The widest ones are wrapped as far as necessary; the result is None if words would have to be broken.
-    """
+    """Return each column's width; None if words would have to be broken."""
     widths = [max(map(len, column)) for column in columns]
     least = [max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
     if width is None:
@@ -59,7 +56,6 @@ def _widths(columns: list[list[str]], width: int | None) -> list[int] | None:
 
 
 def _row(row: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
-    """Return the lines of one row."""
     wrapped = [_wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
     shown = []
     for number in range(max(map(len, wrapped))):

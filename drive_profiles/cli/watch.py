@@ -119,8 +119,6 @@ def _live(device: Device, entries: list[CatalogueEntry], readings: Iterator[tupl
 def plot_line(values: deque[float]) -> str:
     """Plot values as a line of blocks.
 
-    The lowest and the highest value span the whole height; values that are not finite leave a gap.
-
     >>> plot_line(deque([0.0, 1.0, 2.0])), plot_line(deque([3.0, 3.0]))
     ('▁▅█', '▁▁')
     """

@@ -179,7 +179,6 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> ParameterSet:
-    """Make a parameter set of single values."""
     from drive_profiles.parameter_set.parameters import CLASSES, Item, ParameterSet
     from drive_profiles.standard.cia301 import DataType
     from drive_profiles.standard.object_address import address_text
@@ -340,8 +339,6 @@ _DEFAULTS = _Words(
 
 def _give(request: TransactionRequest, node: int, choose: Callable[[Device], MemoryCommand], words: _Words) -> None:
     """Give a drive one of the two commands, and print the result.
-
-    Ctrl-C is held until the drive has answered.
 
     Raises:
         typer.Exit: It is not known whether the drive has done it.

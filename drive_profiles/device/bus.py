@@ -68,8 +68,6 @@ class _Line:
 class SdoBus:
     """A CAN bus that several threads may share.
 
-    Each node has one SDO port; a thread hands the received frames to them.
-
     Attributes:
         address: The bus address as it was given.
         on_lss: Called in the reading thread with the data of each answer of an LSS slave.

@@ -42,8 +42,6 @@ class MemoryCommand:
     def check(self, device: Device) -> None:
         """Check that the device executes the command on request.
 
-        Bit 0 of the standard's object says so.
-
         Raises:
             RefusedError: The device reports that it does not.
         """
@@ -61,8 +59,6 @@ class MemoryCommand:
 
     def give(self, device: Device) -> None:
         """Send the command and wait until the device answers again.
-
-        A read of the command's object shows that the device has finished.
 
         Raises:
             SdoAbortedError: The device refuses, or fails: see `has_done_nothing`.

@@ -124,8 +124,6 @@ class SdoPort:
     def read(self, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
         """Upload the bytes of an object, in blocks where it is long.
 
-        A node that has refused blocks is not asked for them again.
-
         Raises:
             SdoAbortedError: The node refuses.
             NoAnswerError: The node does not answer, or its answers make no sense.
@@ -247,11 +245,7 @@ class SdoPort:
         return None
 
     def _catch_up(self) -> None:
-        """Wait, after a time-out, until no older answer can arrive.
-
-        Raises:
-            NoAnswerError: The node answers nothing at all.
-        """
+        """Wait, after a time-out, until no older answer can arrive."""
         if not self._behind:
             return
         for address in _BARRIER:  # each once: of two answers to one object it would not be known which is the older

@@ -192,7 +192,6 @@ def loads(
 
 
 def _described(document: Document, file_format: FileFormat, node_id: int | None, findings: Findings) -> Description:
-    """Build the description from the sections of a file."""
     sections = document.sections
     builder = Builder(findings, node_id)
     file_node_id, bit_rate = eds_device.read_commissioning(sections, builder)

@@ -67,11 +67,9 @@ class EdsSection:
     """The keys between one ``[name]`` and the next.
 
     Attributes:
-        name: Name as written.
         line: Line number of the head.
         last: Line number of the last key, or of the head.
         entries: First entry of each key, by `folded` key.
-        repeated: Further entries of the same keys.
     """
 
     name: str
@@ -162,10 +160,7 @@ class Document:
 
 
 def section_id(name: str) -> str:
-    """Return the key of a section.
-
-    For an object it is number and sub-index as canopen writes them, else the folded name.
-    """
+    """Return the key of a section."""
     name = name.strip(BLANK)
     match = _OBJECT.fullmatch(name)
     if match is None:

@@ -117,10 +117,7 @@ def number(text: str) -> ValueReading:
 
 
 def integer(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
-    """Read an integer of a type, or a sum with one ``$NODEID``.
-
-    Without a node-ID the value is the constant part of the sum.
-    """
+    """Read an integer of a type, or a sum with one ``$NODEID``."""
     if data_type == BOOLEAN and text.lower() in {"true", "false", "yes", "no"}:
         truth = int(text.lower() in {"true", "yes"})
         return ValueReading(truth, f"read as {truth}")
@@ -184,8 +181,6 @@ def flag(text: str) -> ValueReading:
 
 def text_of(content: int | float | str | bytes, data_type: int) -> str:
     """Write a value as text for a file.
-
-    This is the inverse of `value` for text that needs no remark.
 
     Raises:
         ValueError: The value is not of the type, or does not fit on a line.

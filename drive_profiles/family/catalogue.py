@@ -42,14 +42,11 @@ class CatalogueEntry:
     """One object of a device, as far as it is known.
 
     Attributes:
-        address: Index and sub-index.
         name: Name of the parameter in the profile, else in the EDS.
         data_type: CiA 301 data type; None if neither profile nor EDS states it.
-        access: Access as an EDS writes it.
         parameter: The parameter in the profile; None for an object that only the EDS has.
         low: Lowest value on the wire that the EDS allows.
         high: Highest value on the wire that the EDS allows.
-        parameter_class: Class of the value.
         flags: ``ObjFlags`` in the EDS: see `eds.variables.ObjectFlag`.
     """
 

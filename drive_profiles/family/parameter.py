@@ -237,8 +237,6 @@ class Parameter(Fact):
     def decoded(self, data: bytes, scaling: units.Scaling | None = None) -> float | str:
         """Return the value in ``unit`` of the object's bytes.
 
-        This is the inverse of `encoded`.
-
         Raises:
             ValueError: The length is not that of the type.
             DriveProfileError: The scaling is needed and was not given.

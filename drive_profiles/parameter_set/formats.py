@@ -178,11 +178,6 @@ def _ascii(value: Any) -> str:
 
 
 def _header_in(description: eds.Description) -> Header:
-    """Return the header as a DCF states it.
-
-    Raises:
-        FileError: A comment that should be ours is none.
-    """
     lines = [match for line in description.document.lines if (match := _COMMENT.fullmatch(line.rstrip("\r\n")))]
     said = loads("\n".join(f"{match[1]} = {match[2]}" for match in lines), Header, description.path)
     native = {

@@ -222,7 +222,6 @@ class ParameterSet(Table):
         """Encode each line, in the best order for writing.
 
         Args:
-            catalogue: The objects of the device.
             scaling: Scaling of the drive, where a unit depends on its encoder or rated torque.
             classes: Classes to write; the others are left out.
             limits: True: the limits of profile and EDS hold. False is for values that the device itself held.

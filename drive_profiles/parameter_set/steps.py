@@ -27,10 +27,7 @@ def pdo_of(address: ObjectAddress) -> int | None:
 
 
 def support(addresses: Iterable[ObjectAddress]) -> set[ObjectAddress]:
-    """Return further objects to read before these can be written.
-
-    They are the COB-ID and the number of mapped objects of each PDO.
-    """
+    """Return further objects to read before these can be written."""
     records = {record for address in addresses if (record := pdo_of(address)) is not None}
     return {needed for record in records for needed in ((record, 1), (record + _MAPPING_OFFSET, 0))}
 
@@ -46,8 +43,6 @@ def mapped(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, byt
 
 def steps(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, bytes]) -> list[Step]:
     """Plan the writes that bring a device's values to the goal.
-
-    Objects that hold the goal already are left out.
 
     A PDO is changed as CiA 301, 7.5.2.36 and .38, demands: it is made invalid (bit 31 of its COB-ID), the number of mapped
     objects is set to 0, the objects are mapped, the number is set, and the COB-ID comes last.

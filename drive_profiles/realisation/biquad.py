@@ -171,8 +171,6 @@ def shape_of(biquad: Biquad, period_s: float) -> Shape:
 def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear") -> Polynomial:
     """Return the polynomial C(z⁻¹) of a quadratic in s.
 
-    The module docstring has the equations.
-
     Raises:
         ValueError: The rule has no such frequency at this sampling time.
     """
@@ -192,8 +190,6 @@ def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear"
 
 def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear") -> Quadratic:
     """Return the quadratic in s that a rule maps to a polynomial.
-
-    A constant factor does not matter; this is the inverse of `polynomial_of`.
 
     A root at or beyond s = 0 gives frequency 0 with damping ∞, a root at infinity gives frequency ∞ with damping 0.
     """
@@ -263,10 +259,7 @@ def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], fl
 
 
 def _roots_about_one(descending: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return a polynomial's roots, shifted by 1 to w.
-
-    The polynomial is in z = 1 + w; complex roots are exactly paired.
-    """
+    """Return a polynomial's roots, shifted by 1 to w."""
     shifted = descending.copy()
     for last in range(len(shifted) - 1, 0, -1):  # repeated synthetic division by z − 1
         for n in range(1, last + 1):

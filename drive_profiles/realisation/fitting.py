@@ -154,8 +154,6 @@ def _limits(parameter: Parameter) -> tuple[float, float]:
 def _coefficients(fit: Fit) -> dict[str, float]:
     """Return the coefficients of the nearest filter.
 
-    It is sought among the three nearest values of each coefficient, 3⁵ in all.
-
     Rounded one by one they would lose the DC gain: at 16 kHz Σb is 10⁻⁵, the last bit of a single 6·10⁻⁸.
     """
     parts, wanted = fit.section.parts, design(fit.target, fit.period_s)

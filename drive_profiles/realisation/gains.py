@@ -21,9 +21,6 @@ class PidGains:
     τ = P (r − θ) + I ∫(r − θ) + D d(r − θ)/dt, with the difference of the reference paths.
 
     Attributes:
-        proportional_nm_rad: P, N·m/rad.
-        integral_nm_rad_s: I, N·m/(rad·s).
-        derivative_nm_s_rad: D, N·m·s/rad.
         reference_lag_s: 1/K_p, time constant of the low-pass that makes the PID on the error the P-PI without feed-forward.
         reference_velocity_nm_s_rad: Torque per ṙ that is added instead of the low-pass.
         reference_position_nm_rad: Torque per r that is added with it.
@@ -87,8 +84,6 @@ def gains_for(
 ) -> dict[str, float]:
     """Convert the paper's gains, motor side, to the drive's parameters.
 
-    A P-PI takes them directly or with T_i, a PID by `pid_gains`.
-
     held = gain / factor, and / K_t where the drive's unit is a current; then rounded as the object holds it. `scaling` is needed
     where a parameter counts in steps of the drive's encoder or rated torque.
 
@@ -142,11 +137,6 @@ def _in_roles(profile: Profile, wanted: dict[str, float]) -> tuple[dict[str, flo
 def _held(
     profile: Profile, role: str, entry: Gain, gain: float, torque_constant_nm_a: float | None, scaling: Scaling | None
 ) -> float:
-    """Return the value that the parameter holds for a gain.
-
-    Raises:
-        NotRealisableError: The parameter cannot hold it, or its scaling is not known.
-    """
     name, parameter = entry.parameter, profile.parameter(entry.parameter)
     if entry.factor is None:
         raise NotRealisableError(profile.label, (f"the scaling of {name} ({parameter.written_address}) is not known",))

@@ -64,7 +64,6 @@ class Tolerance:
         offset_fraction: Deviation of either frequency, as a fraction of the offset, or of the zeros' half-width ζ_z f_z where
             that is more (a target without offset has this alone).
         damping_fraction: Deviation of either damping, as a fraction of it.
-        dc_gain: Deviation of the gain at DC.
     """
 
     offset_fraction: float = 0.1
@@ -153,11 +152,9 @@ def realise(
     ``variable`` form takes offset and dampings; order and speed range are not in the target and stay the caller's.
 
     Args:
-        profile: Drive profile.
         target: The notch at one speed.
         section: Number of the drive's filter, from 0.
         period_s: Period at which the filter runs, s; needed where the profile does not know it.
-        tolerance: Largest deviations of a filter that counts as the designed notch.
         allow_approximate: Accept the nearest filter that the drive holds. A frequency out of range, an unknown scaling, or a
             filter that is not a stable notch is refused all the same.
 

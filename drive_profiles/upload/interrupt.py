@@ -11,8 +11,6 @@ _INTERRUPTED, _CLOSED = "interrupted", "closed"
 class InterruptWindow:
     """Window in which an interrupt still counts.
 
-    Whichever comes first, the interrupt or the closing, decides for good.
-
     Signal handlers and threads may use it without a lock: the one step that decides is a single operation of the interpreter.
     """
 

@@ -60,7 +60,6 @@ class JournalStatement:
         possible: Bytes that each object may hold now, by address; a single value where that is certain.
         stored: ``yes``, ``no`` or ``unknown``: the drive has stored the values.
         outcome: End of the upload as it noted it; empty if it was killed before.
-        stored_before: Value of `stored` before the last attempt.
     """
 
     snapshot: UploadSnapshot
@@ -104,7 +103,6 @@ _STAMP = "%Y%m%dT%H%M%S"
 
 
 def _stamp_ns(path: Path) -> int | None:
-    """Return the stamp in a journal's name in ns, or None."""
     stamp = re.fullmatch(r"node\d+-(\d{8}T\d{6})-(\d{9})", path.stem, re.ASCII)
     if stamp is None:
         return None
@@ -240,8 +238,6 @@ def _line(content: dict[str, Any]) -> bytes:
 
 def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
     """Make a parameter set of the values that the drive held.
-
-    The values are raw, the objects named by address.
 
     Raises:
         RefusedError: The snapshot has nothing that could be written back, or bytes that are not a value of their object's type.

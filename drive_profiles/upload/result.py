@@ -39,15 +39,12 @@ class UploadOptions:
     """Options of an upload.
 
     Attributes:
-        classes: Classes of the parameters that are written.
         store: Let the drive store the values over a loss of power.
         reset: Reset the drive after storing, and read everything once more.
         rollback: Put everything back when something fails.
-        allow_unverified: Write values that rest on unverified facts.
         force_commissioning: Write one device's offsets to another.
         other_device: Write a set that was pulled from another device; its commissioning values need `force_commissioning`.
         limits: Hold raw lines to the limits of profile and EDS; not where the drive's own values go back.
-        journals: Folder of the journals.
     """
 
     classes: tuple[str, ...] = CLASSES
@@ -65,19 +62,14 @@ class UploadOptions:
 class UploadResult:
     """Result of an upload on one drive.
 
-    Its fields are the JSON of ``--json``.
-
     Attributes:
-        node: Node-ID.
         kind: *done*, *rolled back* or *unknown*, as `upload.upload` defines them.
         written: Number of objects that differed and were written.
         unknown: Objects that may hold anything, by address and name.
         unread: Number of objects of the set that this upload has not written, and that could not be read at its end.
         others: ``new``: all other objects of the set hold the new values; ``old``: they hold their former values.
         stored: ``yes``, ``no``, ``unknown`` or ``again``: the drive has stored the values.
-        reason: Reason why the upload was not done.
         journal: Path of the journal; None if nothing had to be written.
-        exit_code: Exit status of a command that ends with this result.
         other_count: Number of all other objects; None if it was not counted.
     """
 

@@ -47,7 +47,6 @@ class Upload:
     Attributes:
         identity: Identity that the drive stated; None before `prepare`.
         writes: The objects of the set and their bytes.
-        warnings: Warnings to the user, one sentence each.
         stored: ``yes``, ``no``, ``unknown`` or ``again``: the drive has stored its values on request of this upload.
     """
 
@@ -87,8 +86,6 @@ class Upload:
 
     def prepare(self) -> None:
         """Identify and check the drive, encode the set, read the values.
-
-        The drive must be disabled.
 
         Raises:
             DriveProfileError: It is another device, it is enabled, or a line cannot be written. The drive has only been read.

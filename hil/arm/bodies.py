@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from drive_profiles.files.toml import Table
+from hil.control.arrays import Real
 
-Real = NDArray[np.float64]
 LARGEST = 1e4
 """Bound of every number of an arm, in m, °, kg, kg·m² and m/s²: larger numbers are not an arm's, and could overflow."""
 Component = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.rotation import rotation, turn
 from hil.arm.tables import ArmTable
-
-Array = NDArray[np.float64]
+from hil.control.arrays import Real
 
 REGULAR_DAMPING = 1e-12
 """λ_0² of damped least squares, positions in units of the arm's length."""
@@ -44,8 +42,8 @@ class LinkFrame:
     """
 
     link: int
-    origin_m: Array
-    frame: Array
+    origin_m: Real
+    frame: Real
 
 
 @dataclass(frozen=True)
@@ -56,12 +54,11 @@ class Kinematics:
         origins_m: Origin of each joint's frame in the frame before it; shape (n, 3).
         frames: Axes of each joint's frame in the frame before it at angle 0, as columns; shape (n, 3, 3).
         axes: Direction of each joint's axis in its own frame, of length 1; shape (n, 3).
-        tip: The tip.
     """
 
-    origins_m: Array
-    frames: Array
-    axes: Array
+    origins_m: Real
+    frames: Real
+    axes: Real
     tip: LinkFrame
 
     @classmethod
@@ -88,7 +85,7 @@ class Kinematics:
         """
         return max(1e-6, float(np.sum(np.linalg.norm(self.origins_m, axis=1)) + np.linalg.norm(self.tip.origin_m)))
 
-    def links(self, angles: Array) -> tuple[Array, Array]:
+    def links(self, angles: Real) -> tuple[Real, Real]:
         """Return rotation and origin of each joint's frame after its turn.
 
         Joint angles are in rad; shape (..., n).
@@ -106,7 +103,7 @@ class Kinematics:
             rotations[..., i, :, :], origins[..., i, :] = rotation, origin
         return rotations, origins
 
-    def skeleton(self, angles: Array) -> Array:
+    def skeleton(self, angles: Real) -> Real:
         """Return the arm as a polyline in the base frame.
 
         Shape (..., 2 n + 2, 3): the base, each joint and its corner, and the tip. From a joint, a link goes along the
@@ -121,7 +118,7 @@ class Kinematics:
         base = np.zeros_like(tip)[..., np.newaxis, :]
         return np.concatenate([base, line, tip[..., np.newaxis, :]], axis=-2)
 
-    def pose(self, angles: Array, of: LinkFrame | None = None) -> tuple[Array, Array]:
+    def pose(self, angles: Real, of: LinkFrame | None = None) -> tuple[Real, Real]:
         """Return position and axes of a point in the base frame.
 
         The point is the tip unless another is given; shapes (..., 3) and (..., 3, 3).
@@ -129,14 +126,14 @@ class Kinematics:
         return self._pose(*self.links(angles), self.tip if of is None else of)
 
     @staticmethod
-    def _pose(rotations: Array, origins: Array, of: LinkFrame) -> tuple[Array, Array]:
+    def _pose(rotations: Real, origins: Real, of: LinkFrame) -> tuple[Real, Real]:
         if of.link == 0:
             lead = origins.shape[:-2]
             return np.broadcast_to(of.origin_m, (*lead, 3)), np.broadcast_to(of.frame, (*lead, 3, 3))
         rotation, origin = rotations[..., of.link - 1, :, :], origins[..., of.link - 1, :]
         return origin + rotation @ of.origin_m, rotation @ of.frame
 
-    def jacobian(self, angles: Array, of: LinkFrame | None = None) -> Array:
+    def jacobian(self, angles: Real, of: LinkFrame | None = None) -> Real:
         """Return the geometric Jacobian of a point in the base frame.
 
         The point is the tip unless another is given.
@@ -147,7 +144,7 @@ class Kinematics:
         rotations, origins = self.links(angles)
         return self._jacobian(rotations, origins, self.tip if of is None else of)
 
-    def _jacobian(self, rotations: Array, origins: Array, of: LinkFrame) -> Array:
+    def _jacobian(self, rotations: Real, origins: Real, of: LinkFrame) -> Real:
         point, _ = self._pose(rotations, origins, of)
         directions = np.einsum("...ijk,ik->...ij", rotations, self.axes)
         moved = (np.arange(self.count) < of.link)[:, np.newaxis]
@@ -155,7 +152,7 @@ class Kinematics:
         angular = np.where(moved, directions, 0.0)
         return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
 
-    def levers(self, angles: Array, of: LinkFrame | None = None) -> Array:
+    def levers(self, angles: Real, of: LinkFrame | None = None) -> Real:
         """Return the levers of all joints at a point.
 
         A lever is the acceleration of the point over q̈_i, along the point's own axes; shape (..., 3, n). The point is
@@ -166,7 +163,7 @@ class Kinematics:
         _, frame = self._pose(rotations, origins, of)
         return np.asarray(np.swapaxes(frame, -1, -2) @ self._jacobian(rotations, origins, of)[..., :3, :])
 
-    def acceleration(self, angles: Array, speeds: Array, accelerations: Array, of: LinkFrame | None = None) -> Array:
+    def acceleration(self, angles: Real, speeds: Real, accelerations: Real, of: LinkFrame | None = None) -> Real:
         """Return the acceleration of a point, J q̈ + J̇ q̇.
 
         In the base frame, without gravity; shape (..., 3).
@@ -193,14 +190,13 @@ class Kinematics:
 
     # -- the way back ------------------------------------------------------------------------------------------------------
 
-    def solve(self, near: Array, position_m: Array, frame: Array | None, rounds: int = ROUNDS) -> tuple[Array, Array]:
+    def solve(self, near: Real, position_m: Real, frame: Real | None, rounds: int = ROUNDS) -> tuple[Real, Real]:
         """Find joint angles for poses of the tip by damped least squares.
 
         Args:
             near: Angles to begin with; shape (..., n).
             position_m: Wanted positions of the tip; shape (..., 3).
             frame: Wanted axes of the tip; shape (..., 3, 3); None if they are free.
-            rounds: Most rounds.
 
         Returns:
             The angles, shape (..., n), and the remaining error: in m and, of the axes, in rad, shape (..., 3) or (..., 6).
@@ -219,7 +215,7 @@ class Kinematics:
             angles = angles + step
         return found, self._error(found, position_m, frame)
 
-    def _step(self, angles: Array, error: Array) -> tuple[Array, Array]:
+    def _step(self, angles: Real, error: Real) -> tuple[Real, Real]:
         """Compute one step of damped least squares, and the scaled error.
 
         Positions are in units of the arm's length.
@@ -234,7 +230,7 @@ class Kinematics:
             return np.linalg.solve(back @ jacobian + damping * np.eye(self.count), back @ scaled[..., np.newaxis])[..., 0], scaled
         return (back @ np.linalg.solve(jacobian @ back + damping * np.eye(rows), scaled[..., np.newaxis]))[..., 0], scaled
 
-    def _error(self, angles: Array, position_m: Array, frame: Array | None) -> Array:
+    def _error(self, angles: Real, position_m: Real, frame: Real | None) -> Real:
         """Return the tip's displacement and turn to the wanted pose."""
         origin, own = self.pose(angles)
         if frame is None:
@@ -243,7 +239,7 @@ class Kinematics:
 
     # -- singularities -------------------------------------------------------------------------------------------------------
 
-    def singular_values(self, angles: Array, *, with_frame: bool) -> Array:
+    def singular_values(self, angles: Real, *, with_frame: bool) -> Real:
         """Return the singular values of the tip's Jacobian; shape (..., m).
 
         The largest is first; positions are in units of the arm's length.
@@ -261,7 +257,7 @@ class Kinematics:
         values = self.singular_values(probes[:, : self.count], with_frame=with_frame)
         return int(np.max(np.count_nonzero(values > RANK_FRACTION * values[..., :1], axis=-1)))
 
-    def condition(self, angles: Array, *, with_frame: bool) -> Array:
+    def condition(self, angles: Real, *, with_frame: bool) -> Real:
         """Return the condition number of the tip's Jacobian; shape (...).
 
         It is the largest over the least singular value, of as many as the arm's rank: the joint speed that the slowest
@@ -272,7 +268,7 @@ class Kinematics:
         return np.asarray(values[..., 0] / np.maximum(least, 1e-300))
 
 
-def rotation_vector(rotation: Array) -> Array:
+def rotation_vector(rotation: Real) -> Real:
     """Return axis times angle of rotations, the angle up to π.
 
     Shape (..., 3, 3) gives (..., 3).

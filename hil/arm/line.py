@@ -7,10 +7,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.arm.kinematics import Array, Kinematics
+from hil.arm.kinematics import Kinematics
 from hil.arm.rotation import rotation
 from hil.arm.straight_line import LineError, Pose, StraightLine
 from hil.arm.tables import ArmTable
+from hil.control.arrays import Real
 from hil.control.trajectory import Smooth
 from hil.robot_tables import LineMotion, Point
 
@@ -48,7 +49,7 @@ class ArmLine:
         """
         return tuple(self.arm.axes[joint] for joint in self.moved)
 
-    def turned(self, time_s: Array) -> Array:
+    def turned(self, time_s: Real) -> Real:
         """Return the angles of the moving joints; shape (n,) gives (n, moved).
 
         Raises:
@@ -87,7 +88,7 @@ def arm_line(arm: ArmTable, motion: LineMotion) -> ArmLine:
     return ArmLine(arm, line)
 
 
-def _position(point: Point) -> Array:
+def _position(point: Point) -> Real:
     return np.array([point.x, point.y, point.z])
 
 

@@ -4,13 +4,11 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.bodies import Body
 from hil.arm.kinematics import Kinematics, LinkFrame
 from hil.arm.tables import ArmTable
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 LEAST_FREE = 1e-9
 """Inertia of a joint with those behind it free, over that with those behind it held: below it nothing is left that it turns."""

@@ -11,9 +11,10 @@ import numpy as np
 
 from drive_profiles.files.toml import Table
 from hil.arm.bodies import NOWHERE, Vector
-from hil.arm.kinematics import Array, Kinematics, LinkFrame
+from hil.arm.kinematics import Kinematics, LinkFrame
 from hil.arm.rotation import rotation
 from hil.arm.tables import ArmTable
+from hil.control.arrays import Real
 from hil.robot_tables import AxisNumber
 
 
@@ -50,7 +51,7 @@ class Mounting(Table):
         return LinkFrame(link, np.array(self.origin_m), turned)
 
 
-def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, gravity_m_s2: Array) -> Array:
+def in_base(arm: Kinematics, of: LinkFrame, angles: Real, sensed_m_s2: Real, gravity_m_s2: Real) -> Real:
     """Return a sensor's acceleration in the base frame, R_s f + g.
 
     Joint angles have the shape (n, joints), the signals f along the sensor's own axes (n, 3), free fall (3,): zeros for a
@@ -60,7 +61,7 @@ def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, g
     return np.asarray((frames @ sensed_m_s2[..., np.newaxis])[..., 0] + gravity_m_s2)
 
 
-def along_lever(arm: Kinematics, of: LinkFrame, angles: Array, joint: int, acceleration_m_s2: Array) -> Array:
+def along_lever(arm: Kinematics, of: LinkFrame, angles: Real, joint: int, acceleration_m_s2: Real) -> Real:
     """Return a point's acceleration along the direction of one joint's motion.
 
     Zero if the joint does not move the point. Joint angles have the shape (n, joints), the point's acceleration in the base

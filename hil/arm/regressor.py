@@ -8,11 +8,9 @@ the inertia about the frame's origin. Some of these numbers move no joint, or ac
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 PER_LINK = 10
 """Numbers of a link: m; m c_x, m c_y, m c_z; I_xx, I_yy, I_zz, I_xy, I_xz, I_yz about the origin of its frame."""

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 _GIMBAL = 1e-9
 """Cosine of a pitch below which roll and yaw turn about one axis, and only their sum can be told."""

@@ -13,8 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.arm.kinematics import Array, Kinematics, rotation_vector
+from hil.arm.kinematics import Kinematics, rotation_vector
 from hil.arm.rotation import turn
+from hil.control.arrays import Real
 from hil.control.trajectory import Smooth, sample_times
 
 STEP_M, STEP_RAD = 0.002, math.radians(0.5)
@@ -55,8 +56,8 @@ class Pose:
         frame: The axes as columns; shape (3, 3); None if they are free.
     """
 
-    position_m: Array
-    frame: Array | None
+    position_m: Real
+    frame: Real | None
 
 
 @dataclass(frozen=True)
@@ -75,13 +76,10 @@ class StraightLine:
     Attributes:
         near: Joint angles near the start, which select the arm's configuration; shape (n,).
         end: Pose at the end; its axes are free if the start's are.
-        move: The speed along the line.
-        dwell_s: Time of rest before the motion.
-        tail_s: Time of rest after the motion.
     """
 
     arm: Kinematics
-    near: Array
+    near: Real
     start: Pose
     end: Pose
     move: Smooth
@@ -110,13 +108,13 @@ class StraightLine:
         return float(np.linalg.norm(self._turned))
 
     @cached_property
-    def _turned(self) -> Array:
+    def _turned(self) -> Real:
         """Axis times angle of the tip's turn in base; shape (3,)."""
         if self.start.frame is None or self.end.frame is None:
             return np.zeros(3)
         return rotation_vector(self.end.frame @ self.start.frame.T)
 
-    def poses(self, fraction: Array) -> tuple[Array, Array | None]:
+    def poses(self, fraction: Real) -> tuple[Real, Real | None]:
         """Return positions and axes of the tip at fractions of the line.
 
         Shapes (n, 3) and (n, 3, 3); None for the axes if they are free.
@@ -130,7 +128,7 @@ class StraightLine:
         return positions, turn(axis, s * angle) @ self.start.frame
 
     @cached_property
-    def joints_along(self) -> tuple[Array, Array]:
+    def joints_along(self) -> tuple[Real, Real]:
         """Fractions of the line, shape (m,), and joint angles, (m, n).
 
         Raises:
@@ -153,7 +151,7 @@ class StraightLine:
             self._refuse_singular(float(fractions[singular[0]]), found[singular[0]], float(condition[singular[0]]))
         return fractions, found
 
-    def _check_reach(self, fraction: float, position_m: Array, left: Array) -> None:
+    def _check_reach(self, fraction: float, position_m: Real, left: Real) -> None:
         if _is_reached(left):
             return
         missing_m, missing_rad = float(np.linalg.norm(left[:3])), float(np.linalg.norm(left[3:]))
@@ -166,7 +164,7 @@ class StraightLine:
         )
         raise LineError(fraction, self.length_m, f"{why} away")
 
-    def _refuse_singular(self, fraction: float, angles: Array, condition: float) -> None:
+    def _refuse_singular(self, fraction: float, angles: Real, condition: float) -> None:
         rows = 6 if self.with_frame else 3
         _, _, directions = np.linalg.svd(self.arm.jacobian(angles)[:rows])
         idle = np.abs(directions[self.arm.rank(with_frame=self.with_frame) - 1])
@@ -177,7 +175,7 @@ class StraightLine:
             "without moving the tip",
         )  # fmt: skip
 
-    def angles(self, fraction: Array) -> Array:
+    def angles(self, fraction: Real) -> Real:
         """Return exact joint angles (n, joints) at fractions of the line (n,).
 
         Raises:
@@ -190,7 +188,7 @@ class StraightLine:
         self._check_reach(float(fraction[worst]), self.poses(fraction)[0][worst], left[worst])
         return found
 
-    def joints(self, time_s: Array) -> Array:
+    def joints(self, time_s: Real) -> Real:
         """Joint angles over the time; shape (n,) gives (n, joints).
 
         Raises:
@@ -233,12 +231,12 @@ class StraightLine:
                 )  # fmt: skip
 
 
-def _is_reached(left: Array) -> bool:
+def _is_reached(left: Real) -> bool:
     """True if the remaining displacement and turn are below the tolerances."""
     return float(np.linalg.norm(left[:3])) <= REACHED_M and float(np.linalg.norm(left[3:])) <= REACHED_RAD
 
 
-def _smooth_between(fractions: Array, joints_rad: Array, wanted: Array) -> Array:
+def _smooth_between(fractions: Real, joints_rad: Real, wanted: Real) -> Real:
     """Interpolate angles between equal steps by Catmull and Rom's cubic.
 
     The result is smooth enough as a starting value; shape (n, joints).

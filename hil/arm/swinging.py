@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.masses import mass_matrix
 from hil.arm.tables import ArmTable
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,6 @@ def mode_shapes(
     """Modes of an arm, the lowest first.
 
     Args:
-        arm: The arm.
         joints_rad: Joint angles; shape (n_links,).
         stiffness_nm_rad: Stiffness of the gears by axis, at the joint; joints of other axes count as rigid.
         matrix_kg_m2: Mass matrix in that posture, shape (n_links, n_links); None for that of the links' bodies.

@@ -9,15 +9,13 @@ from collections.abc import Sequence
 from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from drive_profiles.files.toml import Table
 from hil.arm.bodies import NOWHERE, Body, Component, Vector, merged
 from hil.arm.rotation import rotation
+from hil.control.arrays import Real
 from hil.robot_tables import MOST_AXES, AxisNumber, Positive
-
-Real = NDArray[np.float64]
 
 MOST_LINKS = MOST_AXES
 """As many as there can be drives."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from drive_profiles.errors import FileError, Problem
@@ -24,8 +23,7 @@ from drive_profiles.files.xml_tree import Element, parse
 from hil.arm.bodies import LARGEST, Body, Inertia, Vector, merged, moved
 from hil.arm.rotation import roll_pitch_yaw, rotation
 from hil.arm.tables import MOST_LINKS, ArmLink, ArmTable
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MAX_BYTES = 4 << 20
 KIND = "a URDF file"
@@ -37,7 +35,6 @@ class UrdfChain:
     """The arm of a URDF file.
 
     Attributes:
-        links: Its links, from the base on.
         tip: The frame of the tip in that of the last link: rotation, shape (3, 3), and origin, shape (3,).
         reductions: Reduction ratio of each axis for which the file has a transmission.
     """
@@ -49,8 +46,6 @@ class UrdfChain:
 
 @dataclass
 class _Joint:
-    """A joint as the file has it."""
-
     name: str
     kind: str
     parent: str
@@ -61,8 +56,6 @@ class _Joint:
 
 @dataclass
 class _File:
-    """A file while it is read."""
-
     path: Path
     links: dict[str, Element] = field(default_factory=dict)
     joints: list[_Joint] = field(default_factory=list)
@@ -228,10 +221,7 @@ def _chain(file: _File) -> list[tuple[_Joint | None, list[tuple[str, Real, Real]
 
 
 def _fixed_to(file: _File, start: str) -> tuple[list[tuple[str, Real, Real]], list[tuple[_Joint, tuple[Real, Real]]]]:
-    """Return a link's fixed links, and the turning joints on them.
-
-    Each in the frame of that link.
-    """
+    """Return a link's fixed links, and the turning joints on them."""
     children: dict[str, list[_Joint]] = {}
     for joint in file.joints:
         children.setdefault(joint.parent, []).append(joint)

@@ -389,11 +389,7 @@ class Bench(Table):
             )
 
     def _check_arm(self, arm: ArmTable) -> None:
-        """Refuse a bench file that contradicts its arm's links.
-
-        Raises:
-            ValueError: An axis is not a joint of it, or the file has a planar chain beside it.
-        """
+        """Refuse a bench file that contradicts its arm's links."""
         if self.geometry is not None:
             raise ValueError("geometry and arm both define the tip; leave the geometry out")
         if arm.link:
@@ -446,8 +442,6 @@ LEVER_TOLERANCE = 0.02
 def with_arm(bench: Bench, folder: Path) -> Bench:
     """Return a bench whose arm has its links.
 
-    They come from the URDF file, if it names one.
-
     Raises:
         FileError: The URDF file describes no such arm.
         ValueError: The bench file contradicts the arm.
@@ -468,8 +462,6 @@ def with_arm(bench: Bench, folder: Path) -> Bench:
 
 def with_levers(bench: Bench, arm: ArmTable) -> Bench:
     """Return a bench with levers from the arm's links.
-
-    A lever moves the sensor, at home.
 
     Raises:
         ValueError: The file states another lever.
@@ -495,7 +487,6 @@ T = TypeVar("T", AxisTable, AccelerometerTable)
 
 
 def _with_profile_in(folder: Path, table: T) -> T:
-    """Return the table with an absolute path of its profile."""
     if file_of(table.profile, folder) is None:
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

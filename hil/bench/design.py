@@ -52,10 +52,7 @@ class Designs(RobotFile):
     axis: dict[AxisNumber, DesignedAxis] = Field(default_factory=dict)
 
     def dumps(self) -> str:
-        """Return the file as TOML.
-
-        Its `[[axis.N.notch]]` may be copied into a bench file.
-        """
+        """Return the file as TOML."""
         lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in sorted(self.axis.items()):
             lines += ["", f"[axis.{number}]"]

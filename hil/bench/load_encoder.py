@@ -13,15 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.bench.bench import Bench, with_levers
 from hil.bench.tip import NO_ANGLES, joint_angles
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
 from hil.recording import TIP, Recording
-
-Real = NDArray[np.float64]
 
 LOWPASS_HZ = 60.0
 """Highest frequency of an acceleration from angles: above it, steps of 20 bits are larger than any arm's vibration."""
@@ -106,8 +104,6 @@ def bridged(recording: Recording) -> tuple[dict[int, Real] | None, str | None]:
 def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
     """Return a bench with the tip from the joints' encoders.
 
-    For runs of these axes, one at a time, whatever sensor the bench has.
-
     Raises:
         NotPossibleError: An axis has no load_encoder table; of an arm, any axis.
     """
@@ -126,8 +122,6 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
 
 def check_counting(bench: Bench, recording: Recording, number: int) -> None:
     """Refuse an encoder whose angle contradicts that of the motor.
-
-    A short travel is not checked.
 
     Raises:
         NotPossibleError: It counts the wrong way, or another turn; the message has the numbers.

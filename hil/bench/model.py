@@ -160,7 +160,6 @@ class OrderNumber(NamedTuple):
         name: Name in the model file: `a2_arcsec`.
         letter: `A` or `φ`.
         unit: `arcsec` or `°`.
-        error: Standard error; None if it is not known.
     """
 
     name: str
@@ -334,10 +333,7 @@ class Identified(RobotFile):
         return self.model_copy(update={"axis": dict(sorted({**self.axis, number: axis}.items()))})
 
     def with_posture(self, number: int, posture: IdentifiedPosture) -> "Identified":
-        """Return the file with one posture of an axis added.
-
-        It replaces a posture that was nearly the same.
-        """
+        """Return the file with one posture of an axis added."""
         axis = self.axis.get(number, IdentifiedAxis())
         others = tuple(each for each in axis.posture if not each.is_at(posture.joints_deg))
         axis = axis.model_copy(update={"posture": (*others, posture)})

@@ -36,8 +36,6 @@ class RobotFile(Table):
     def check_robot(self, name: str, what: str = "") -> None:
         """Refuse the file of another robot than the bench of this name.
 
-        The message names the file by `what`, or by its kind.
-
         Raises:
             NotPossibleError: The file belongs to another robot.
         """

@@ -9,14 +9,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics, LinkFrame
 from hil.arm.mounting import along_lever, in_base
 from hil.bench.bench import LEAST_LEVER_M, Bench
+from hil.control.arrays import Real
 from hil.recording import ALONG, SENSED, TIP, Recording
-
-Real = NDArray[np.float64]
 
 AT_RANGE = 0.998
 """Fraction of its range from which a sensor counts as saturated: a step of its resolution below."""

@@ -14,10 +14,7 @@ from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG
 
 
 class AdapterChannel(OneByOne):
-    """python-can's `Bus` as a channel; time on it is the wall clock's.
-
-    The first failure is latched, as on every channel.
-    """
+    """python-can's `Bus` as a channel; time on it is the wall clock's."""
 
     is_lock_step = False
     waits = True

@@ -189,10 +189,7 @@ def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
 
 
 def fd_stuffed_by(known: Head, data: bytes) -> int:
-    """Count the stuff bits of a CAN FD frame's data.
-
-    All of them have the data bit rate.
-    """
+    """Count the stuff bits of a CAN FD frame's data."""
     if not data:
         return 0
     row = known.row

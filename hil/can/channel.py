@@ -55,8 +55,6 @@ class Channel(Protocol):
     def send_all(self, frames: Sequence[Frame]) -> None:
         """Put frames on the bus, one after the other.
 
-        In one message if the bus accepts that.
-
         Raises:
             BusLostError: A frame cannot be sent; those behind it are not sent either.
         """

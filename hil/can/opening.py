@@ -7,8 +7,6 @@ from hil.can.channel import Channel
 def open_channel(address: Address) -> Channel:
     """Open the bus at an address.
 
-    The local bus and SocketCAN have raw sockets; python-can serves all others.
-
     Raises:
         BusUnavailableError: The bus does not exist, or cannot be used.
     """

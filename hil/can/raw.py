@@ -45,8 +45,6 @@ class RawChannel:
     def _noted(self, frame: Frame) -> Frame:
         """Count the content of an error frame, and return the frame.
 
-        A log can then contain it.
-
         Raises:
             BusLostError: The controller is bus-off, or has been and has recovered.
         """

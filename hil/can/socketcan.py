@@ -73,9 +73,6 @@ def _check_up(address: Address) -> None:
     """Refuse an interface that is down.
 
     A socket can be bound to it, but would never receive a frame.
-
-    Raises:
-        BusUnavailableError: The interface is down.
     """
     try:
         flags = int(Path("/sys/class/net", address.channel, "flags").read_text(), 16)
@@ -126,10 +123,7 @@ class SocketCanChannel(RawChannel, OneByOne):
             raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None when none came in time.
-
-        Frames lost before it are counted.
-        """
+        """The next frame, or None when none came in time."""
         if self._lost is not None:
             raise self._lost
         while True:

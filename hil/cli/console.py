@@ -257,9 +257,6 @@ class RunProgress(SpokenReporter):
 
     It prints on standard error, so that standard output has only results. Without `is_live` it has no thread, which would
     take the interpreter from a run in real time.
-
-    Attributes:
-        is_live: True if there is a bar.
     """
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:

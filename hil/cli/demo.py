@@ -112,10 +112,7 @@ def next_steps(prefix: str = "") -> list[str]:
 
 
 def tool_prefix(program: str) -> str:
-    """Return the folder in front of a tool's name, with its slash.
-
-    As you type it in this directory; empty if PATH has the tool.
-    """
+    """Return the folder in front of a tool's name; empty on PATH."""
     path = Path(program)
     found = shutil.which(path.name)
     if path.name != "hil" or path.parent == Path() or (found is not None and Path(found).resolve() == path.resolve()):

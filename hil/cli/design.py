@@ -1,7 +1,4 @@
-"""`hil design notch`: a variable notch for an axis, from its plant.
-
-It needs no robot.
-"""
+"""`hil design notch`: a variable notch for an axis, from its plant."""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
@@ -148,8 +145,6 @@ def notch(
 
 def _orders(text: str) -> tuple[int, ...]:
     """Return the orders of the option.
-
-    The design refuses those without a filter or an error.
 
     Raises:
         ValueError: The text names no orders.

@@ -84,7 +84,6 @@ def _axes(text: str) -> tuple[int, ...]:
 
 
 def _wires(verdict: "PlanVerdict") -> "list[WireTiming]":
-    """Return the timing of the plan's bus."""
     from hil.plan.check import RATES  # noqa: PLC0415
     from hil.plan.wire import WireTiming  # noqa: PLC0415
 

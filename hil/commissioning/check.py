@@ -37,8 +37,6 @@ STEPS: Final[tuple[Step, ...]] = (
 def known_axes(bench: Bench, axes: Sequence[int]) -> tuple[int, ...]:
     """Return the axes to check, each once.
 
-    All of the bench if none is named.
-
     Raises:
         NotPossibleError: The bench has no such axis.
     """

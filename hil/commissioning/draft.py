@@ -162,7 +162,6 @@ def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
 
 
 def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
-    """Return the lines of the accelerometer."""
     sensors = [node for node in nodes if not node.is_drive and node.profile is not None and node.profile.kind == "accelerometer"]
     lines = ["", "[accelerometer]"]
     if len(sensors) == 1:

@@ -16,13 +16,14 @@ from drive_profiles.standard.cia402 import Object, State, state_of
 from hil.bench.bench import Bench
 from hil.bench.load_encoder import watched_axes, with_load_encoders
 from hil.bench.tip import with_tip
+from hil.control.arrays import Real
 from hil.control.trajectory import sample_times
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, SHUTDOWN
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.limits import limit_of
-from hil.master.motion import Motion, Real
+from hil.master.motion import Motion
 from hil.master.request import check_set_points
 from hil.master.run import Run, RunStopError
 from hil.master.session import Session
@@ -54,7 +55,6 @@ class HeldAxis(Run):
     """One axis that follows given set-points, supervised as in a run.
 
     Attributes:
-        stopped: Reason why it was stopped, or None.
         is_masters_fault: True if the reason lies in the master: it was late.
     """
 
@@ -164,8 +164,6 @@ class HeldAxis(Run):
     def lower(self) -> None:
         """Disable the axis, as at the end of every run.
 
-        After a stop it has no torque.
-
         Raises:
             SafetyStopError: The drive has not confirmed it.
         """
@@ -178,11 +176,7 @@ class HeldAxis(Run):
         return state_of(self.supervisor.network.read(axis.node, *address, DataType.UNSIGNED16, "status word"))
 
     def _cut(self) -> None:
-        """Disable the voltage of a drive that has not stopped.
-
-        Raises:
-            SafetyStopError: The drive has not confirmed it.
-        """
+        """Disable the voltage of a drive that has not stopped."""
         self.stopped = "it did not stop as required"
         if self.disable(DISABLE_VOLTAGE):
             return
@@ -208,9 +202,6 @@ class HeldAxis(Run):
         """Do something that a reason to stop may end.
 
         The axis is then brought to rest and disabled.
-
-        Raises:
-            SafetyStopError: The user wants it, or the drive has not confirmed that it is disabled.
         """
         if self.stopped is not None:
             return False

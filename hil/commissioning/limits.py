@@ -12,9 +12,9 @@ import numpy as np
 from hil.commissioning.held import HeldAxis, held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.turning import room_trouble
+from hil.control.arrays import Real
 from hil.control.trajectory import Smooth, sample_times
 from hil.master.drive.limits import limit_of
-from hil.master.motion import Real
 from hil.results.check import CheckEntry
 
 NEAR_REV, FAR_REV, ASKED_REV = 0.10, 0.30, 0.20

@@ -30,12 +30,10 @@ class FoundNode:
     """A node that answers.
 
     Attributes:
-        profiles: Labels of the profiles that fit.
         scaling: Units of a drive; None for other nodes, and if the drive lacks them.
         doubt: Reason why it is not known how it counts, or None.
         unsaid: Keys of the bench file for units that the drive lacks.
         control: Gains that it holds; None if it holds none, or its profile does not know them.
-        knows_gains: True if its profile knows all gains of the loop.
         speed_limit_rps: Speed that the drive itself allows; None if it has no object for it.
         position_rev: Position of its motor; None if that is not known.
     """
@@ -95,8 +93,6 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
 
 def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
     """Return the labels of a device's profiles.
-
-    The one that the user names, else those that fit its identity.
 
     Raises:
         DriveProfileError: The named profile does not exist, or is of another maker's devices.

@@ -15,7 +15,7 @@ from hil.bench.bench import LEAST_LEVER_M, AxisTable
 from hil.commissioning.held import held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.turning import room_trouble
-from hil.master.motion import Real
+from hil.control.arrays import Real
 from hil.recording import TIP, Recording
 from hil.results.check import CheckEntry
 
@@ -36,7 +36,6 @@ class Ratio:
 
     Attributes:
         value: The ratio; its sign is the direction.
-        error: Its standard error.
     """
 
     value: float

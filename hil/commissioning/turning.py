@@ -8,11 +8,11 @@ import numpy as np
 from hil.commissioning.held import HeldAxis, held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.standing import STOP_S
+from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS
 from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest
 from hil.experiments.plant.probe import PROBE_RPS, probe_motion, probe_trouble, slow_torque
 from hil.master.control_words import QUICK_STOP
-from hil.master.motion import Real
 from hil.results.check import CheckEntry
 
 SHOWN_TRAVEL: Final = (0.8, 1.25)
@@ -100,10 +100,7 @@ def check_quick_stop(of: Checked) -> list[CheckEntry]:
 
 
 def _stopped(of: Checked, held: HeldAxis, going_on: Real, ramp_s: float) -> CheckEntry:
-    """Outcome of a quick stop, with set-points that go on meanwhile.
-
-    They count from the start and have the shape (n,); `ramp_s` is the duration of the drive's ramp.
-    """
+    """Outcome of a quick stop, with set-points (n,) that go on meanwhile."""
     name, began = "quick stop, moving", held.slot.position_rad
     took_s = held.command(QUICK_STOP, going_on.tolist())
     turned_rev = abs(held.slot.position_rad - began) / math.tau

@@ -23,14 +23,10 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.cancellation_table import FADE_REV, CancellationTable, MotorLoad
 from hil.core.library import CORE
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 CANCELLATION_CONFIG, CANCELLATION_STATE = CORE.dtype("cancellation_config"), CORE.dtype("cancellation_state")
 WAVE_COLUMNS: int = CORE.call.WAVE_COLUMNS
@@ -110,11 +106,7 @@ def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Re
 
 
 class CancellationLaw:
-    """Cancellations of several axes with their states.
-
-    Attributes:
-        data: The core's record of all of them; it must not outlive the law.
-    """
+    """Cancellations of several axes with their states."""
 
     def __init__(
         self,
@@ -127,11 +119,7 @@ class CancellationLaw:
     ) -> None:
         """Lay out the arrays.
 
-        An axis whose table is None gets no additions.
-
         Args:
-            tables: Table of each axis.
-            period_s: Sampling time.
             torque_steps_nm: Step to which each axis' torque offset is rounded; 0: it is not rounded.
             speed_lowpass_hz: Corner of the low-pass that gives the motor speed.
             fade_rev: Motor revolutions in which the first addition is forgotten.
@@ -200,10 +188,7 @@ class CancellationLaw:
     def multiply(self, row: int, by_order: Mapping[float, complex]) -> None:
         """Multiply the cancellation of each order by a complex factor.
 
-        What it mixes with is multiplied accordingly.
-
         Args:
-            row: Row of the axis.
             by_order: Factor of each order; 1 where it is not given.
         """
         orders, phases, net, size = self._turns[row]
@@ -222,7 +207,6 @@ class CancellationLaw:
         They are in the order of the axes.
 
         Args:
-            angles_rad: Measured motor angles.
             torques_nm: Measured motor torques; None: 0.
         """
         values = self._values

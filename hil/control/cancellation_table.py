@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hil.control.arrays import Complex, Real
 
 FADED_OVER_KEPT = 1.25
 """Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""
@@ -35,10 +34,7 @@ class WaveLabel:
     """One sine of a table.
 
     Attributes:
-        order: Its order k.
-        phase_rad: Its phase φ.
         degree: 1 for an order of the error itself; for a mixed wave the number of amplitudes that it grows with.
-        sources: Orders of the error from which it comes.
     """
 
     order: float
@@ -52,9 +48,6 @@ class WaveLabel:
         φ = Σ n_k φ_k + …, size ~ Π A_k^m_k.
 
         A mixed wave is a product of amplitudes, some of them conjugate: as many as its degree, and its order is their sum.
-
-        Args:
-            orders: The error's own orders.
         """
         own = [order for order in orders if order in self.sources]
         found: tuple[int, ...] | None = None
@@ -196,11 +189,9 @@ class CancellationTable:
         neither can do is left out.
 
         Args:
-            limit_rps: Speed limit of the set-points.
             up_to_rps: Highest motor speed of the motion.
             kept_hz: Frequency k f_m up to which a wave is not left out; above it the lowest orders come first.
             by_torque: The table that does the same by the torque offset alone; None if there is none.
-            torque_nm: Largest torque offset.
         """
         frequency, own, fast = self._largest_speeds(up_to_rps)
         kept = np.clip((FADED_OVER_KEPT - frequency / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
@@ -234,10 +225,7 @@ class CancellationTable:
         return replace(self, waves=waves, **changed)
 
     def _added(self, other: "CancellationTable", part: Real) -> "CancellationTable":
-        """Return the table plus a part of another table.
-
-        Both have the same waves; the part has shape (waves, speeds).
-        """
+        """Return the table plus a part, shape (waves, speeds), of another table."""
         sums: dict[str, Any] = {}
         for name in ARRAYS:
             mine, more = getattr(self, name), getattr(other, name)
@@ -253,10 +241,7 @@ class CancellationTable:
         return self._largest(self.largest_torques_nm(), up_to_rps)
 
     def largest_torques_nm(self) -> Real:
-        """Return |G| of the torque offset; shape (waves, speeds).
-
-        It holds at any acceleration and load for which G changes.
-        """
+        """Return |G| of the torque offset at any load; shape (waves, speeds)."""
         return self._at_most(self.torque, self.torque_bend, self.load_torque)
 
     def largest_speed_rps(self, up_to_rps: float) -> float:
@@ -286,10 +271,7 @@ class CancellationTable:
         return float(np.sum(np.abs(self.reference[:, 0])))
 
     def _largest_gains(self) -> Real:
-        """Return |G| of the set-points; shape (waves, speeds).
-
-        It holds at any acceleration and load for which G changes.
-        """
+        """Return |G| of the set-points at any load; shape (waves, speeds)."""
         return self._at_most(self.reference, self.bend, self.load_reference)
 
     def _at_most(self, gain: Complex, bend: Complex | None, load: Complex | None) -> Real:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil.control.arrays import Real
+
 Lines = NDArray[np.int64]
 
 _ROUNDS = 200
@@ -23,11 +24,10 @@ class Excitation:
 
     Attributes:
         wave: The samples of one period; shape (n,).
-        sample_s: Time between two samples.
         lines: Excited bins of the discrete Fourier transform; bin k is at k/period; shape (m,).
     """
 
-    wave: Array
+    wave: Real
     sample_s: float
     lines: Lines
 
@@ -37,7 +37,7 @@ class Excitation:
         return len(self.wave) * self.sample_s
 
     @property
-    def frequency_hz(self) -> Array:
+    def frequency_hz(self) -> Real:
         """Frequencies of the excited lines; shape of `lines`."""
         return self.lines / self.period_s
 
@@ -47,7 +47,7 @@ class Excitation:
         return crest_factor(self.wave)
 
 
-def crest_factor(wave: Array) -> float:
+def crest_factor(wave: Real) -> float:
     """Return peak over root mean square; infinite for a zero signal."""
     power = float(np.mean(np.square(wave)))
     return float(np.max(np.abs(wave))) / math.sqrt(power) if power > 0.0 else math.inf
@@ -57,12 +57,6 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
     """Return the bins of a period within a band; shape (m,).
 
     Both ends are included; all bins are below half the sampling rate.
-
-    Args:
-        low_hz: Lower end of the band.
-        high_hz: Upper end.
-        period_s: Period of the signal.
-        sample_s: Time between two samples.
 
     Raises:
         ValueError: No bin lies in the band, or its ends are in the wrong order.
@@ -77,10 +71,8 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
     return lines
 
 
-def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
+def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitation:
     """Return a multisine of low peak, scaled to a peak of 1.
-
-    The cosines' phases keep the peak low.
 
     Phases start as Schroeder's, φ_k = −2π Σ_{j<k} (k − j) p_j with p_j the fraction of the power in line j, and are improved by
     clipping: the wave is clipped, its phases are kept, its amplitudes are put back.
@@ -88,8 +80,6 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
     Args:
         lines: Excited bins; shape (m,).
         amplitude: Relative amplitude of each; shape (m,).
-        count: Samples of a period.
-        sample_s: Time between two samples.
 
     Raises:
         ValueError: Shapes that differ, or a line at or above half the sampling rate.
@@ -114,14 +104,14 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
     return Excitation(best / np.max(np.abs(best)), sample_s, lines)
 
 
-def _check(lines: Lines, amplitude: Array, count: int) -> None:
+def _check(lines: Lines, amplitude: Real, count: int) -> None:
     if lines.shape != amplitude.shape or lines.ndim != 1:
         raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
     if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= count:
         raise ValueError(f"lines must lie between 1 and {(count - 1) // 2}")
 
 
-def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
+def chirp(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitation:
     """Return a sweep through the band once in a period.
 
     It rises from low to high, and is scaled to a peak of 1.
@@ -132,8 +122,6 @@ def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excita
     Args:
         lines: Excited bins, contiguous; shape (m,).
         amplitude: Relative amplitude of each; shape (m,).
-        count: Samples of a period.
-        sample_s: Time between two samples.
 
     Raises:
         ValueError: The shapes differ, or a line is at or above half the sampling rate.

@@ -22,11 +22,8 @@ from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.core.library import CORE
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,6 @@ class ArmModel:
         b: Input of the mean of two samples of v̈.
         stiff: a₀, a₁, b₀, b₁ of the resonance itself.
         f_al_hz: Frequency at which it rings most.
-        reduction_ratio: N.
         delay_s: Delay of the acceleration, the sampling's own included.
     """
 
@@ -121,7 +117,6 @@ class Followed(NamedTuple):
     """An order that is followed.
 
     Attributes:
-        order: k.
         phase_rad: φ_k as identified.
         amplitude_rad: A_k as identified, at the arm.
         begin_part: Part of it, |d|, from which on w follows, where that is more than the settings' own.
@@ -141,7 +136,6 @@ class SecondDifference:
     The second difference is (2 sin(ωT/2)/(ωT))² of the second derivative, which is put right at f_al.
 
     Args:
-        lever_m: Lever of the tip.
         f_al_hz: Frequency at which the arm rings most.
         period_s: SYNC period.
     """
@@ -167,10 +161,7 @@ class SecondDifference:
 
 
 class FollowingLaw:
-    """Observer of all axes of a motion, with their factors w.
-
-    The cancellations are multiplied by these factors.
-    """
+    """Observer of all axes of a motion, with their factors w."""
 
     def __init__(
         self,
@@ -183,11 +174,7 @@ class FollowingLaw:
         """Lay out the arrays.
 
         Args:
-            arms: Arm of each axis.
-            orders: Orders of each axis that are followed.
             band: Section of the band-pass.
-            period_s: SYNC period.
-            settings: Settings; the defaults unless given.
 
         Raises:
             ValueError: There is no axis, or no order.
@@ -249,10 +236,7 @@ class FollowingLaw:
         """Take one sample.
 
         Args:
-            angles_rad: Measured motor angles.
             references_rad: Set-points of the motion alone, whose jolts ring.
-            levers_m: Lever of the tip at each axis.
-            acceleration_m_s2: The tip's acceleration; None if it was not measured.
         """
         samples = self._samples
         samples[0], samples[1], samples[2] = angles_rad, references_rad, levers_m
@@ -265,10 +249,7 @@ class FollowingLaw:
         return {each.order: complex(*self._factors[row, m]) for m, each in enumerate(self._orders[row])}
 
     def left(self, row: int) -> Mapping[float, tuple[complex, float]]:
-        """Return d of each order of an axis with its standard error.
-
-        The standard error is that of either component of d.
-        """
+        """Return d of each order of an axis with its standard error."""
         own, most = 2 * len(self._axes), self._order_states.shape[1]
         found = {}
         for m, each in enumerate(self._orders[row]):
@@ -285,8 +266,5 @@ class FollowingLaw:
         return {each.order: float(self._order_states["nearest"][row, m]) for m, each in enumerate(self._orders[row])}
 
     def given_up(self, row: int) -> tuple[float, ...]:
-        """Return the orders of an axis that were taken back.
-
-        Their factors reached their bounds.
-        """
+        """Return the orders of an axis that were taken back."""
         return tuple(each.order for m, each in enumerate(self._orders[row]) if self._order_states["given_up"][row, m] > 0.0)

@@ -1,7 +1,4 @@
-"""The servo law of one axis for a caller in Python.
-
-`servo.h` has the law itself, which host and drive run.
-"""
+"""The servo law of one axis for a caller in Python."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -36,10 +33,7 @@ class ServoConfig:
             raise ValueError(f"torque_limit_nm = {self.torque_limit_nm} must be above 0")
 
     def write(self, law: NDArray[Any]) -> None:
-        """Write gains and filters into one record of a `LAW` array.
-
-        The torque limit is an argument of `servo_step`.
-        """
+        """Write gains and filters into one record of a `LAW` array."""
         self.cascade.write(law["cascade_config"])
         for column in range(NOTCHES):
             notch: Notch | FixedFilter = self.notches[column] if column < len(self.notches) else NO_NOTCH
@@ -49,17 +43,11 @@ class ServoConfig:
 class Servo:
     """Law of one axis with its state.
 
-    The host-closed loop and tests call it from Python.
-
     Attributes:
         notch_state: The filters' memory, live: a `NOTCH_STATE` array of shape (1, NOTCHES).
     """
 
     def __init__(self, config: ServoConfig, period_s: float) -> None:
-        """Lay out the record of the law.
-
-        It starts at angle 0, speed 0 and torque 0.
-        """
         if not period_s > 0.0:
             raise ValueError(f"period_s = {period_s} must be above 0")
         self.config = config

@@ -17,8 +17,6 @@ class ServoBank:
     def __init__(self, configs: Sequence[ServoConfig], period_s: float) -> None:
         """Lay out the arrays.
 
-        Every axis starts at angle 0, speed 0 and torque 0.
-
         Raises:
             ValueError: `period_s` is not above zero.
         """
@@ -48,9 +46,7 @@ class ServoBank:
         """Let one axis take over without a step in the torque.
 
         Args:
-            row: Index of the axis.
             motor_angle: θ_m in rad.
-            speed_rad_s: The motor's speed.
             torque_nm: The torque that acts now.
         """
         CORE.call.servo_start(self._each[row], motor_angle, speed_rad_s, torque_nm)

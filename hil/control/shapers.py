@@ -16,15 +16,13 @@ documentation of the printer firmware Klipper (resonance compensation).
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.treatments import ShaperName
-
-Real = NDArray[np.float64]
 
 EI_TOLERANCE = 0.05
 """Remaining vibration V that EI allows at the mode, and two-hump EI at both sides of it, to be below it in a wider range."""
@@ -57,23 +55,6 @@ class SwingingMode:
         return 1.0 / (self.frequency_hz * math.sqrt(1.0 - self.damping**2))
 
 
-def _zv() -> list[float]:
-    return [0.5, 0.5]
-
-
-def _zvd() -> list[float]:
-    return [0.25, 0.5, 0.25]
-
-
-def _mzv() -> list[float]:
-    outer = 1.0 - math.sqrt(0.5)
-    return [outer, 1.0 - 2.0 * outer, outer]
-
-
-def _ei() -> list[float]:
-    return [0.25 * (1.0 + EI_TOLERANCE), 0.5 * (1.0 - EI_TOLERANCE), 0.25 * (1.0 + EI_TOLERANCE)]
-
-
 def _two_hump_ei() -> list[float]:
     square = EI_TOLERANCE**2
     x = (square * (math.sqrt(1.0 - square) + 1.0)) ** (1.0 / 3.0)
@@ -81,12 +62,12 @@ def _two_hump_ei() -> list[float]:
     return [outer, 0.5 - outer, 0.5 - outer, outer]
 
 
-_SHAPES: dict[ShaperName, tuple[float, Callable[[], list[float]]]] = {
-    "zv": (0.5, _zv),
-    "zvd": (0.5, _zvd),
-    "mzv": (0.375, _mzv),
-    "ei": (0.5, _ei),
-    "two-hump-ei": (0.5, _two_hump_ei),
+_SHAPES: dict[ShaperName, tuple[float, list[float]]] = {
+    "zv": (0.5, [0.5, 0.5]),
+    "zvd": (0.5, [0.25, 0.5, 0.25]),
+    "mzv": (0.375, [1.0 - math.sqrt(0.5), 1.0 - 2.0 * (1.0 - math.sqrt(0.5)), 1.0 - math.sqrt(0.5)]),
+    "ei": (0.5, [0.25 * (1.0 + EI_TOLERANCE), 0.5 * (1.0 - EI_TOLERANCE), 0.25 * (1.0 + EI_TOLERANCE)]),
+    "two-hump-ei": (0.5, _two_hump_ei()),
 }
 """Time between impulses in damped periods, and the impulses of the undamped mode."""
 
@@ -125,12 +106,7 @@ class Shaper:
         return Shaper(tuple(a for _, a in pairs), tuple(t for t, _ in pairs))
 
     def remaining(self, frequency_hz: Real | float, damping: float) -> Real:
-        """Remaining vibration V of modes; of the shape of `frequency_hz`.
-
-        Args:
-            frequency_hz: Undamped frequencies.
-            damping: Their damping ratio.
-        """
+        """Remaining vibration V of modes; of the shape of `frequency_hz`."""
         omega = 2.0 * math.pi * np.asarray(frequency_hz, dtype=np.float64)[..., np.newaxis]
         times, weights = np.array(self.times_s), np.array(self.amplitudes)
         waves = weights * np.exp(damping * omega * (times - self.duration_s))
@@ -168,8 +144,7 @@ def shaper(name: ShaperName, mode: SwingingMode) -> Shaper:
     >>> shaper("zv", SwingingMode(10.0, 0.0))
     Shaper(amplitudes=(0.5, 0.5), times_s=(0.0, 0.05))
     """
-    step, made = _SHAPES[name]
-    shape = made()
+    step, shape = _SHAPES[name]
     times = [step * i * mode.period_s for i in range(len(shape))]
     decay = 2.0 * math.pi * mode.frequency_hz * mode.damping
     weights = [a * math.exp(-decay * t) for a, t in zip(shape, times, strict=True)]

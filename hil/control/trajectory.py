@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil.control.arrays import Real
 
 
 class UnreachableError(ValueError):
@@ -19,7 +18,7 @@ class UnreachableError(ValueError):
         super().__init__(f"the tip cannot reach x = {x_m:.3f} m, z = {z_m:.3f} m: the arm reaches {reach_m:.3f} m")
 
 
-def sample_times(duration_s: float, period_s: float) -> Array:
+def sample_times(duration_s: float, period_s: float) -> Real:
     """Return the instants 0, T, 2T …; shape (n,).
 
     The last is the first one at or after the duration.
@@ -34,8 +33,6 @@ class ConstantAcceleration:
     Rest, a constant acceleration, a (larger) constant deceleration, rest.
 
     Attributes:
-        acceleration_rps_s: Motor revolutions per second, per second.
-        end_rps: The speed reached.
         deceleration_rps_s: Rate at which the motor is brought to rest, outside the windows of the metrics.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
@@ -59,7 +56,7 @@ class ConstantAcceleration:
         """Duration of the motion, both rests included."""
         return self.dwell_s + self.ramp_s + self.end_rps / self.deceleration_rps_s + self.tail_s
 
-    def motor_angle(self, time_s: Array) -> Array:
+    def motor_angle(self, time_s: Real) -> Real:
         """θ_ref in rad over the time; shape of `time_s`."""
         up, down = self.ramp_s, self.end_rps / self.deceleration_rps_s
         t = np.asarray(time_s) - self.dwell_s
@@ -85,9 +82,6 @@ class PointToPoint:
     Attributes:
         distance_rev: Motor revolutions from rest to rest, negative backwards.
         speed_rps: The speed that is not exceeded; a short way does not reach it.
-        acceleration_rps_s: Motor revolutions per second, per second.
-        dwell_s: Time of rest before the motion.
-        tail_s: Time of rest after the motion.
     """
 
     distance_rev: float
@@ -111,7 +105,7 @@ class PointToPoint:
         """Duration of the motion, both rests included."""
         return self.dwell_s + self.move_s + self.tail_s
 
-    def motor_angle(self, time_s: Array) -> Array:
+    def motor_angle(self, time_s: Real) -> Real:
         """θ_ref in rad over the time; shape of `time_s`."""
         ramp, even = self.ramp_s, self.move_s - 2.0 * self.ramp_s
         t = np.asarray(time_s) - self.dwell_s
@@ -138,8 +132,6 @@ class Smooth:
     def way(cls, distance: float, speed: float, ramp_s: float, acceleration: float | None = None) -> Self:
         """Return the move over a distance at a speed.
 
-        A short move does not reach the speed.
-
         Args:
             distance: The distance, in any unit.
             speed: Largest speed, in that unit per second.
@@ -159,7 +151,7 @@ class Smooth:
         """The largest ṡ, in 1/s."""
         return 1.0 / (self.duration_s - self.ramp_s)
 
-    def position(self, time_s: Array) -> Array:
+    def position(self, time_s: Real) -> Real:
         """Return the distance s over time; shape of `time_s`."""
         t = np.clip(np.asarray(time_s), 0.0, self.duration_s)
         mirrored = t > 0.5 * self.duration_s
@@ -193,7 +185,7 @@ class PlanarChain:
     tool_m: float
 
     @staticmethod
-    def link_angles(joints: Array) -> Array:
+    def link_angles(joints: Real) -> Real:
         """Return α₂, α₃, α₅ of joint angles; shape (..., 3).
 
         The map is affine, so it serves speeds too, less its constant.
@@ -201,7 +193,7 @@ class PlanarChain:
         q = np.asarray(joints, dtype=np.float64)
         return np.cumsum(np.stack([0.5 * math.pi - q[..., 0], q[..., 1], q[..., 2]], axis=-1), axis=-1)
 
-    def tip(self, joints: Array) -> Array:
+    def tip(self, joints: Real) -> Real:
         """Return the tip position (x, z) in m.
 
         Joints of shape (..., 3) give shape (..., 2).
@@ -213,7 +205,7 @@ class PlanarChain:
         z = self.shoulder_height_m + self.upper_arm_m * sin[..., 0] + along * sin[..., 1] + across * cos[..., 1]
         return np.stack([x + self.tool_m * cos[..., 2], z + self.tool_m * sin[..., 2]], axis=-1)
 
-    def joints(self, tip: Array) -> Array:
+    def joints(self, tip: Real) -> Real:
         """Return joint angles for tip positions (x, z).
 
         Elbow up and tool pointing down; shape (..., 2) gives (..., 3).
@@ -241,15 +233,10 @@ class PlanarChain:
 class Line:
     """Straight line of the tip with smooth speed.
 
-    The tip rests before and after.
-
     Attributes:
-        chain: The arm.
         start_m: Tip position (x, z) at the start.
         end_m: Tip position (x, z) at the end.
         move: The speed along the line.
-        dwell_s: Time of rest before the motion.
-        tail_s: Time of rest after the motion.
     """
 
     chain: PlanarChain
@@ -264,7 +251,7 @@ class Line:
         """Duration of the motion, both rests included."""
         return self.dwell_s + self.move.duration_s + self.tail_s
 
-    def joints(self, time_s: Array) -> Array:
+    def joints(self, time_s: Real) -> Real:
         """Joint angles over the time; shape (n,) gives (n, 3)."""
         s = self.move.position(np.asarray(time_s) - self.dwell_s)[..., np.newaxis]
         start, end = np.asarray(self.start_m), np.asarray(self.end_m)

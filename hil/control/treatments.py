@@ -47,7 +47,6 @@ class Treatment:
         cancels: `set-points`: an addition to the set-points cancels the error; `inside`: the drives do it in their own loops.
         shaper: Input shaper that acts on the set-points; None without one.
         gain_factor: Factor of all three gains.
-        loops: Loops in which it can act.
         needs: Knowledge beside the gains and filters of a bench or robot file. `model`: of the plant and its error, from a
             model file or the bench file; `design`: a design file; `learnt`: a model file of `hil learn`.
         aliases: Former names, still understood on the command line.
@@ -74,21 +73,13 @@ class Treatment:
         return not self.needs and self.gain_factor == 1.0
 
     @property
-    def is_combined(self) -> bool:
-        """True if filters act beside a cancellation."""
-        return bool(self.filters) and bool(self.cancels)
-
-    @property
     def is_shaper(self) -> bool:
         """True if a shaper acts, and nothing beside it."""
         return self.shaper is not None and not self.cancels
 
     @property
     def is_remedy(self) -> bool:
-        """True if the tip is meant to keep the specification.
-
-        The other treatments are for comparison.
-        """
+        """True if the tip is meant to keep the specification."""
         return self.filters == "variable" or bool(self.cancels)
 
 

@@ -95,10 +95,8 @@ def compile_core(core: Core, command: Sequence[str] | None = None, out: Path | N
     """Compile a core; the file appears whole or not at all.
 
     Args:
-        core: What to compile.
         command: Command of the compiler; None: that of `compiler`.
         out: File to write; None: where the core is looked for.
-        options: Further options of the compiler, behind the usual ones.
 
     Raises:
         BuildError: There is no compiler, or it ended with an error, which the message quotes.

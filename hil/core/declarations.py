@@ -18,10 +18,7 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
 def _headers(path: Path, root: Path, known: dict[Path, str]) -> None:
-    """Read a header and those that it includes into `known`.
-
-    Each is read once; included ones come first.
-    """
+    """Read a header and those that it includes into `known`."""
     if path in known:
         return
     text = path.read_text(encoding="utf-8")
@@ -63,13 +60,7 @@ def declarations(root: Path, header: str) -> tuple[str, dict[str, float]]:
 
 
 def module_text(root: Path, header: str, digest: str) -> str:
-    """Return the source of the module that declares a core to Python.
-
-    Args:
-        root: As of `declarations`.
-        header: As of `declarations`.
-        digest: Digest of the core's sources.
-    """
+    """Return the source of the module that declares a core to Python."""
     import cffi  # noqa: PLC0415 - only those who build need its parser
 
     text, numbers = declarations(root, header)

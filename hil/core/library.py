@@ -28,7 +28,6 @@ class Library:
     Attributes:
         call: The functions of the core, and the constants of its enumerations.
         constants: Numbers that its headers define, by name.
-        NULL: Null pointer.
     """
 
     def __init__(self, core: Core) -> None:

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hil.design.frequency import Complex, Loop
-
-Real = NDArray[np.float64]
+from hil.control.arrays import Complex, Real
+from hil.design.frequency import Loop
 
 COMPLIANCE_BAND_HZ = (0.1, 30.0)
 """Bound: band of process forces and of the arm's resonances, in which the largest compliance is searched."""
@@ -64,9 +62,6 @@ def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
 
 
 def judged_speeds(loop: Loop, count: int = 9) -> tuple[float, ...]:
-    """List the motor speeds at which a loop is judged.
-
-    These are rest, and `count` speeds from end to end of each filter that follows the motor speed.
-    """
+    """List the motor speeds at which a loop is judged."""
     inside = [speed for notch in loop.notches for speed in np.linspace(notch.start_rps, notch.end_rps, count).tolist()]
     return (0.0, *inside)

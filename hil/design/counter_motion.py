@@ -30,7 +30,6 @@ class Wave:
     """One sine of a motion, Re(c e^{j k θ_0}).
 
     Attributes:
-        order: k.
         coefficient: c in rad at the motor.
         degree: Number of amplitudes A_k of which c is a product; 1 for an order of the error itself.
         sources: The orders of the error from which it comes.
@@ -48,8 +47,6 @@ Series = dict[Key, complex]
 
 def counter_motion(amplitude_rad: Mapping[float, float], phase_rad: Mapping[float, float]) -> tuple[Wave, ...]:
     """Compute the waves of Δ(θ_0) = −a(θ_0 + Δ).
-
-    The waves of the orders themselves come first, in their order, then the mixed ones.
 
     Args:
         amplitude_rad: Amplitudes N A_k at the motor, by order.

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 PROBABILITY = 0.975
 """Probability: from which a claim counts as true."""
@@ -30,10 +29,7 @@ EVALUATIONS = 100
 
 
 class UnidentifiableError(ValueError):
-    """Error: the data are too few or too poor to identify anything.
-
-    It names the fault, the amount of data and the amount needed.
-    """
+    """Error: the data are too few or too poor to identify anything."""
 
     def __init__(self, what: str, value: float, needed: float, unit: str = "") -> None:
         """Keep the numbers."""
@@ -43,10 +39,7 @@ class UnidentifiableError(ValueError):
 
 @dataclass(frozen=True)
 class EstimatedParameter:
-    """Number with its standard error.
-
-    The standard error is 0 only if nothing was estimated.
-    """
+    """Number with its standard error."""
 
     value: float
     standard_error: float
@@ -68,9 +61,7 @@ class EstimatedMode:
     """Mode of an arm that has several, with the motor held.
 
     Attributes:
-        inertia_kg_m2: Effective inertia about the joint.
         antiresonance_hz: Its frequency, where the motor's response has a dip.
-        damping: Its damping ratio.
         resonance_hz: Peak of the motor's response above it.
         tip_part: Part of the tip's rigid motion that it carries; None without an accelerometer.
     """

@@ -15,13 +15,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.following import ArmModel
 from hil.design.frequency import OF_SAMPLING, RESONANCE_BAND
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FIT_POINTS, FIT_ROUNDS = 200, 6
 """Accuracy: frequencies of a fit, 1 % apart, and its rounds, each weighted by the denominator of the one before. Source: C. K.
@@ -94,12 +91,6 @@ def arm_model(resonance: Resonance, reduction_ratio: float, period_s: float, sen
     """Sample the resonance; the input is the mean of two samples.
 
     Size and time of the model are corrected so that its response at f_al is exact.
-
-    Args:
-        resonance: The resonance.
-        reduction_ratio: N.
-        period_s: SYNC period.
-        sensor_delay_s: Delay of the sensor.
     """
     a0, a1, b0, b1 = resonance.a0, resonance.a1, resonance.b0, resonance.b1
     decay, turning = 0.5 * a1, complex(a0 - 0.25 * a1 * a1) ** 0.5
@@ -132,9 +123,7 @@ def rounding_noise_m_s2(rad_per_count: float, lever_m: float, band: Sequence[flo
 
     Args:
         rad_per_count: q.
-        lever_m: Lever of the tip.
         band: A section of the band-pass, of which there are two.
-        period_s: SYNC period.
     """
     b0, b1, b2, a1, a2 = band
     back = np.exp(-1j * np.linspace(0.0, math.pi, ROUNDING_POINTS))
@@ -151,7 +140,6 @@ def band_pass(lowest_hz: float, highest_hz: float, period_s: float) -> tuple[flo
     Args:
         lowest_hz: Lowest f_al.
         highest_hz: Highest f_al.
-        period_s: SYNC period.
     """
     low, high = RESONANCE_BAND[0] * lowest_hz, min(RESONANCE_BAND[1] * highest_hz, OF_SAMPLING / period_s)
     low_w, high_w = (2.0 / period_s * math.tan(math.pi * each * period_s) for each in (low, high))

@@ -1,7 +1,4 @@
-"""Axis and loop in the frequency domain.
-
-The module has the plant, G_al, open loop, margins and closed-loop poles.
-"""
+"""Axis and loop in the frequency domain."""
 
 import math
 from dataclasses import dataclass
@@ -12,11 +9,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_OFF, FixedFilter, Notch, notch_coefficients, notch_weight
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating[Any, Any]]
 
 CONTROL_PERIOD_S = 250e-6
@@ -230,10 +226,7 @@ class Loop:
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def law_block(self, speed_rps: float = 0.0) -> "Block":
-        """Law −τ/θ_m as a discrete system, filters frozen at a motor speed.
-
-        It includes the whole samples of delay.
-        """
+        """Law −τ/θ_m as a discrete system, filters frozen at a motor speed."""
         blocks = [self._integral_block(), *(_biquad(filter_) for filter_ in self.filters(speed_rps))]
         blocks += [(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))] * self.delay_samples
         whole = self._feedback_block()
@@ -278,7 +271,6 @@ def held(a: Real, b: Real, period_s: float) -> tuple[Real, Real]:
     Args:
         a: A; shape (n, n).
         b: B; shape (n, inputs), or (n,) for one input.
-        period_s: The period.
 
     Returns:
         A (n, n) and B (n, inputs) of the steps.
@@ -370,10 +362,7 @@ class Margins:
 
 
 def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
-    """Compute margins with the filters frozen at a motor speed.
-
-    Sampling time and delay are those of the loop.
-    """
+    """Compute margins with the filters frozen at a motor speed."""
     grid = np.geomspace(0.5, 0.49 / loop.period_s, points)
     lines = [notch.order * speed_rps for notch in loop.notches if speed_rps > 0.0]
     extra = [np.linspace(0.9 * line, 1.15 * line, 801) for line in lines]

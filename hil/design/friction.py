@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import norm
 
+from hil.control.arrays import Real
 from hil.design.estimation import EstimatedParameter, UnidentifiableError, inverse
-from hil.design.frequency import Real
 
 STRIBECK_RAD_S = (0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0, 7.0)
 """Accuracy: Stribeck speeds ω_s that are tried, a factor of 1.5 apart: averaged, τ_C of 60 drawn robots is 2.6 % off (rms)."""
@@ -50,7 +50,6 @@ class Friction:
         viscous_nm_s_rad: Viscous friction b: D_m + D_l/N² and all else that grows with the speed.
         gravity_moment_nm: Moment √(G_c² + G_s²) = m g l, at the arm.
         gravity_phase_deg: Phase q₀, so that the moment is m g l cos(θ_l + q₀).
-        residual_nm: Root mean square of the residual.
         speed_rad_s: Speed of each mean; shape (blocks,).
         arm_angle_rad: Arm angle of each mean, θ_m/N less the torsion under gravity; shape (blocks,).
         torque_nm: Torque of each mean; shape (blocks,).
@@ -83,9 +82,6 @@ def fit_friction(
     The runs need two or more speeds.
 
     Args:
-        stretches: Stretches of constant speed.
-        sync_s: The SYNC period.
-        reduction_ratio: Reduction ratio N.
         stiffness_nm_rad: K_g, as far as it is known, by which the arm hangs below θ_m/N: a hundredth of a radian, on a soft gear,
             puts the gravity moment off by half a per cent.
 

@@ -35,14 +35,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.cancellation_table import ARRAYS, CancellationTable, MotorLoad, WaveLabel
 from hil.design.counter_motion import counter_motion
 from hil.design.frequency import TIP_HZ, Loop
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Actuation = Literal["reference", "torque", "torque alone"]
 """Inputs of the loop that move the motor: the set-point alone, a torque offset with it, or the torque offset alone."""
 
@@ -129,7 +127,6 @@ def reference_per_motor_angle(
         frequency_hz: Frequencies above 0; shape (m,).
         actuation: `torque` where an offset gives the motor's torque, so that the law has none to give; otherwise it has.
         speed_rps: Motor speed, for the filters.
-        torque_lag_s: Lag of the current loop.
 
     Raises:
         ValueError: The loop has no K_pp, or neither K_vp nor K_vi.
@@ -164,7 +161,6 @@ def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0)
     Args:
         loop: Law and motor.
         frequency_hz: Frequencies above 0; shape (m,).
-        speed_rps: Motor speed, for the filters.
     """
     gains, jw = loop.cascade, 2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)
     delay = np.exp(-jw * loop.period_s)
@@ -189,8 +185,6 @@ class _Image(NamedTuple):
 @dataclass(frozen=True)
 class Way:
     """Inputs that move the motor, and the demand on each.
-
-    The methods give set-point and torque offset per rad of motor motion and per N·m at the motor.
 
     Attributes:
         loop: Law, motor and filters.
@@ -327,15 +321,11 @@ def cancellation_table(
     Each wave c of Δθ_m has the gain G(f_m) = c (Δθ_ref/Δθ_m)/(gain of the bus); for an order c = −N A_k.
 
     Args:
-        loop: Law, motor and filters.
         amplitude_rad: Amplitude A_k at the arm, by order.
         phase_rad: Phase φ_k, by order.
-        timing: Delays of the additions.
         max_rps: Highest motor speed of the table; beyond it the last values stay.
-        actuation: `reference`: by the set-point alone; `torque`: with a torque offset; `torque alone`: by it.
         highest_hz: Highest k f_m at which an order is cancelled.
         most_rad_s2: Largest acceleration of the motor at which its chirp is allowed for.
-        torque_lag_s: Lag of the current loop λ: A (1 + λ s) takes A's place.
         load: Gear torque that reacts on the motor; None if it does not.
 
     Raises:

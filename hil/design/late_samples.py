@@ -18,9 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import SEARCHED_SIGMAS
-
-Real = NDArray[np.float64]
 
 RESOLVED = 0.1
 """Accuracy: largest frequency of a ripple, in units of the sampling rate: at half of it the spline leaves 9 % of the ripple, at
@@ -43,7 +42,6 @@ class OnTime:
 
     Attributes:
         angle_rad: The angle; late samples are moved by whole counts.
-        count: Number of late samples.
         delay_s: Delay of the one that is off most.
     """
 
@@ -59,7 +57,6 @@ def on_time(angle_rad: Real, period_s: float, resolution_rad: float, order: floa
 
     Args:
         angle_rad: θ_m at each SYNC; shape (n,).
-        period_s: SYNC period.
         resolution_rad: Step of the encoder; 0 for none.
         order: Highest order k of the gear's ripple.
     """

@@ -1,23 +1,18 @@
-"""Verdict on a variable notch, and the score of a search.
-
-The verdict has the margins at every speed, constraint (5), and the tip peaks on ramps.
-"""
+"""Verdict on a variable notch, and the score of a search."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
 from hil.design.coupled.loops import ArmFamily
 from hil.design.frequency import Margins
 from hil.design.notch_problem import RISE_BESIDE, NotchProblem, Requirements, Rise, rises
 from hil.design.speed_margins import LoopFamily, SpeedMargins, widened
-
-Real = NDArray[np.float64]
 
 SHAPES = {"switched": NOTCH_SWITCHED, "trapezoid": NOTCH_TRAPEZOID}
 
@@ -46,10 +41,7 @@ class RequirementCheck:
     """One requirement with the worst value that was seen.
 
     Attributes:
-        name: The requirement.
         value: Worst value of all plants and speeds.
-        limit: The value that is required.
-        unit: Unit of value and limit.
         is_ceiling: True if the value must be at most the limit; else at least.
         speed_rps: Speed at which it is worst; None if it belongs to no speed.
         member: The plant that gives it.
@@ -87,21 +79,12 @@ class RequirementCheck:
 
 
 class Judge:
-    """Judge of filters of one order, for a search.
-
-    It computes the parts that the filters share once.
-
-    Attributes:
-        problem: The axis.
-        order: Order k of the filters.
-    """
+    """Judge of filters of one order, for a search."""
 
     def __init__(self, problem: NotchProblem, order: int, *, reserve: float = 0.01) -> None:
         """Compute the loops without the new filter.
 
         Args:
-            problem: The axis.
-            order: Order k of the filters.
             reserve: Fraction by which the limits are tighter than required, since the verdict looks at more speeds and
                 frequencies.
         """
@@ -159,10 +142,7 @@ class Judge:
         ]
 
     def _line_ratio(self, notch: Notch) -> float:
-        """Ratio of |G_al| on the line to constraint (5), worst plant.
-
-        The ratio is computed from |X|, for which the bound is the same at every speed.
-        """
+        """Ratio of |G_al| on the line to constraint (5), worst plant."""
         speeds = np.linspace(notch.start_rps, notch.end_rps, SEARCH_SPEEDS)
         inside = self._family.gain_on_the_line((notch, *self.problem.fixed), self.order, speeds)
         outside = self._bare_gain[:, (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)]
@@ -200,10 +180,7 @@ class Judge:
         return score
 
     def _peaks_mm(self, row: int, case: int, notch: Notch) -> Real:
-        """Simulate the tip peaks of a plant with a filter in one case.
-
-        The search scores the best filters of the nominal plant again, for all plants: what was simulated is kept.
-        """
+        """Simulate the tip peaks of a plant with a filter in one case."""
         key = row, case, notch
         if key not in self._simulated:
             notches = (notch, *self.problem.fixed)
@@ -221,11 +198,9 @@ class PeakRow:
     """Predicted peaks of the tip on the ramp.
 
     Attributes:
-        order: Order k of the error.
         rising_mm: Tip peak of the nominal plant while the speed rises, as in a constant-acceleration run.
         falling_mm: Tip peak of the nominal plant while the speed falls.
         worst_mm: The larger of both for the worst of all plants.
-        worst_member: Label of that plant.
         other_mm: Largest peak of the nominal plant, up or down, on each of the slower and faster ramps, by their rate in rev/s².
     """
 
@@ -243,9 +218,7 @@ class PostureRow:
 
     Attributes:
         label: The posture, and what the other axes do.
-        sensitivity_peak: Largest M_s.
         speed_rps: Motor speed at which it is.
-        phase_margin_deg: Least phase margin.
         gain_margin_db: Least gain margin; inf where the phase never crosses −180°.
     """
 
@@ -263,10 +236,8 @@ class NotchVerdict:
     It covers every f_al/120, in rev/s, from rest to the speed limit.
 
     Attributes:
-        notches: The filters.
         checks: Every requirement at its worst.
         margins: Margins of the nominal plant, by speed.
-        peaks: Tip peaks, by order.
         postures: Margins on the arm, by posture; empty for an axis by itself.
     """
 
@@ -283,17 +254,11 @@ class NotchVerdict:
 
     @property
     def is_harmless(self) -> bool:
-        """True if the filters keep all margins and raise no peak.
-
-        Only limits of the tip may be missed.
-        """
+        """True if the filters keep all margins and raise no peak."""
         return all(check.holds or check.is_tip_limit for check in self.checks)
 
     def worst(self, name: str) -> float:
-        """Worst M_s, phase margin or gain margin, by its name.
-
-        It covers the axis by itself and on the arm.
-        """
+        """Worst M_s, phase margin or gain margin, by its name."""
         found = [check for check in self.checks if check.name in (name, f"{name}{ON_THE_ARM}")]
         return (max if found[0].is_ceiling else min)(check.value for check in found)
 
@@ -339,10 +304,7 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[fl
 
 
 def _margins(problem: NotchProblem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
-    """Compute margins by plant and speed.
-
-    Poles are computed anew only if a filter changes them.
-    """
+    """Compute margins by plant and speed."""
     loops = [problem.loop(member, wide) for member in problem.members]
     scanned = LoopFamily(loops, step=VERDICT_FREQUENCY_STEP).margins(wide, speeds)
     by_plant: dict[str, dict[float, Margins]] = {}
@@ -416,10 +378,7 @@ def _arm_check(
 
 
 def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[RequirementCheck]:
-    """Check how far filters raise the tip peaks.
-
-    Each ratio is that of its worst plant. The peaks are those in the speeds of every order and between them.
-    """
+    """Check how far filters raise the tip peaks."""
     worst: dict[float | None, tuple[Rise, str]] = {}
     for member, bare in zip(problem.members, problem.bare_mm, strict=True):
         for rise in rises(problem, bare, peaks_mm[member.label]):

@@ -1,7 +1,4 @@
-"""Axis for which a notch is to be designed.
-
-The module has the requirements, the ramps on which a filter is judged, and the speeds in which the tip is judged.
-"""
+"""Axis for which a notch is to be designed."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,14 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.coupled.loops import ArmLoops
 from hil.design.frequency import Loop
 from hil.design.ramp import RampMotion, follow
 from hil.design.uncertainty import Member
-
-Real = NDArray[np.float64]
 
 Displacement = Callable[[RampMotion], Real]
 """Displacement of the tip in mm over the time of a motion, as the metric of measured runs has it."""
@@ -42,7 +38,6 @@ class Requirements:
 
     Attributes:
         max_sensitivity: Largest allowed M_s.
-        phase_margin_deg: Least phase margin.
         gain_margin_db: Least gain margin, up and down.
         tip_mm: Limit A_acc, of constraint (5) on the line and of the tip on the ramp.
     """
@@ -76,19 +71,14 @@ class DesignRamp:
 
     Attributes:
         rate_rps_s: Rate up and down.
-        top_rps: Speed at which the rise ends and the turn begins.
         weight: Weight of its peaks in what a search minimises; that of the user's own motion is 1.
-        is_own: True for the user's own motion, on which the tip must keep its limit.
         period_s: Sampling time of `reference_rad`.
-        rise_end_s: Time of the end of the rise.
-        fall_begin_s: Time of the beginning of the fall.
         reference_rad: θ_ref; shape (samples,).
     """
 
     rate_rps_s: float
     top_rps: float
     weight: float
-    is_own: bool
     period_s: float
     rise_end_s: float
     fall_begin_s: float
@@ -97,19 +87,16 @@ class DesignRamp:
     @classmethod
     def of(
         cls, rate_rps_s: float, low_rps: float, limit_rps: float, top_rps: float, f_al_hz: float, period_s: float,
-        weight: float, *, is_own: bool,
+        weight: float,
     ) -> "DesignRamp":  # fmt: skip
         """Lay out a ramp.
 
         Args:
-            rate_rps_s: Rate up and down.
             low_rps: Lowest speed in which the tip is judged.
             limit_rps: Largest speed of the axis, which the turn does not exceed.
             top_rps: Speed to which the rise leads, where the limit allows it.
             f_al_hz: Peak of |G_al|.
-            period_s: Sampling time of the loop.
             weight: Weight of its peaks in a search.
-            is_own: True for the user's own motion.
         """
         turn_s = SETTLE_PERIODS / f_al_hz
         top = min(top_rps, limit_rps - float(_gain(0.5)) * rate_rps_s * turn_s)
@@ -122,13 +109,10 @@ class DesignRamp:
         rising = rate_rps_s * np.clip(time - RAMP_REST_S, 0.0, rise_end - RAMP_REST_S)
         speed = rising + rate_rps_s * (turn_s * _gain(part) - np.clip(time - fall_begin, 0.0, None))
         angle = 2.0 * math.pi * period_s * np.concatenate([np.zeros(1), np.cumsum(speed)])
-        return cls(rate_rps_s, top, weight, is_own, period_s, rise_end, fall_begin, angle)
+        return cls(rate_rps_s, top, weight, period_s, rise_end, fall_begin, angle)
 
     def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Rows in which the speed rises, and rows in which it falls.
-
-        The rows are those of a simulated motion on this ramp; both masks have the shape (n,).
-        """
+        """Rows in which the speed rises and in which it falls; shapes (n,)."""
         time = motion.period_s * np.arange(len(motion.motor_speed_rps))
         return (time >= RAMP_REST_S) & (time < self.rise_end_s), time >= self.fall_begin_s
 
@@ -139,8 +123,6 @@ class SpeedRange:
 
     Attributes:
         order: Order k that meets f_al in it; None between the orders' ranges, where a filter may switch.
-        low_rps: Least speed.
-        high_rps: Largest speed.
     """
 
     order: float | None
@@ -149,10 +131,7 @@ class SpeedRange:
 
 
 def _gain(part: Real | float) -> Real:
-    """Gain of speed over a part, 0 to 1, of a turn, over rate and duration of the turn.
-
-    The rate goes from 1 to −1 with one wave on top, so that it has no corner.
-    """
+    """Gain of speed over a part, 0 to 1, of a turn, over rate and duration of the turn."""
     return np.asarray(part - np.square(part) + (1.0 - np.cos(2.0 * math.pi * part)) / (2.0 * math.pi**2))
 
 
@@ -164,8 +143,6 @@ def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: floa
 
     Args:
         windows_rps: Speeds in which each order is judged.
-        low_rps: Lowest speed that is looked at.
-        top_rps: Highest speed that is looked at.
     """
     found = [SpeedRange(order, low, min(high, top_rps)) for order, (low, high) in sorted(windows_rps.items())]
     reached = low_rps
@@ -184,10 +161,7 @@ def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges
     It is 0 if the ramp does not reach the range.
 
     Args:
-        ramp: The ramp.
-        motion: Simulated motion on it.
         displacement_mm: Displacement of the tip; shape (n,).
-        ranges: Ranges of speeds.
 
     Returns:
         Peaks in mm; shape (ranges, 2).
@@ -204,8 +178,6 @@ class NotchProblem:
 
     Attributes:
         members: The plants; the nominal one first.
-        cascade: The gains.
-        period_s: Sampling time of the loop.
         delay_samples: Whole samples between measurement and torque.
         lever_m: L, from the arm's axis to the tip.
         speed_limit_rps: Highest motor speed at which margins are required.
@@ -213,7 +185,6 @@ class NotchProblem:
         ramps: Ramps on which a filter is judged; the user's own motion first.
         ranges: Ranges of speeds in which the tip is looked at: one for each order that the error has and the axis reaches.
         displacement_mm: Metric of the tip's motion.
-        requirements: Requirements that a filter must meet.
         fixed: Filters of other orders, which stay as they are.
         friction_nm: Friction against the turning motor.
         gravity_nm: Gravity at the motor, which acts against it or helps it.
@@ -286,10 +257,6 @@ class NotchProblem:
         motion = follow(self.loop(member, notches), member.error, ramp.reference_rad, load_nm=load)
         return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 
-    def own_cases(self, count: int) -> list[int]:
-        """Cases of the user's own ramp among so many."""
-        return [0, *range(len(self.ramps), count)]
-
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:
         """Largest weighted tip peak of an order, in mm.
 
@@ -305,8 +272,6 @@ class Rise:
 
     Attributes:
         order: Order k in whose speeds the tip is looked at; None between them.
-        ratio: The ratio.
-        limit: The largest that is allowed.
     """
 
     order: float | None
@@ -325,11 +290,10 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
     Peaks on the user's own motion are compared case by case. For an order, the largest peak on any ramp is compared as well.
 
     Args:
-        problem: The axis.
         before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
         after_mm: Peaks of the same plant with them; while cases but the first still hold 0, no ratio is above the final one.
     """
-    own, is_order = problem.own_cases(len(after_mm)), np.array([each.order is not None for each in problem.ranges])
+    own, is_order = [0, *range(len(problem.ramps), len(after_mm))], np.array([each.order is not None for each in problem.ranges])
     least = np.where(is_order, WORSE_MM, np.maximum(WORSE_MM, np.max(after_mm[0, is_order])))
     ratios = np.max(after_mm[own] / np.maximum(before_mm[own], least[:, np.newaxis]), axis=(0, 2))
     whole = np.max(after_mm, axis=(0, 2)) / np.maximum(np.max(before_mm, axis=(0, 2)), least)

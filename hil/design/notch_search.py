@@ -14,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import SHAPES, Judge, NotchVerdict, verdict
 from hil.design.notch_problem import RISE, NotchProblem
-
-Real = NDArray[np.float64]
 
 CHUNK = 3
 """Accuracy: filters that a worker weighs at a time, for time alone: those that break a limit take a tenth of it."""
@@ -69,8 +67,6 @@ class Effort:
     Attributes:
         population: Filters per generation on the nominal plant.
         generations: Number of generations on the nominal plant.
-        robust_population: Filters per generation on all plants.
-        robust_generations: Number of generations on all plants.
         seed: Equal seeds give equal filters, whatever the number of processes.
     """
 
@@ -131,11 +127,7 @@ class Space:
     def around(cls, problem: NotchProblem, order: int, shape: str, f_al_hz: float, template: Notch) -> "Space":
         """Build the space of filters that act throughout the judged window.
 
-        No filter of it acts at rest.
-
         Args:
-            problem: The axis.
-            order: Order k of the filter.
             shape: `switched` or `trapezoid`.
             f_al_hz: Peak of |G_al|.
             template: Filter that gives the hysteresis.
@@ -239,9 +231,6 @@ def pooled_verdict(
     """Judge filters as `verdict` does, in a worker if there is one.
 
     Args:
-        problem: The axis.
-        notches: All filters that act.
-        orders: Orders for which constraint (5) and the tip peak are checked.
         pool: Workers; None judges in this process.
     """
     if pool is None:
@@ -270,10 +259,7 @@ class _Scores:
         self.members, self.known, self.survivors = members, {}, None
 
     def __call__(self, points: Real) -> Real:
-        """Score points of the unit cube, shape (dimensions, filters).
-
-        The shape is the one that scipy gives.
-        """
+        """Score points of the unit cube, shape (dimensions, filters)."""
         notches = [self.space.notch(point) for point in points.T]
         at_most = np.full(len(notches), math.inf) if self.survivors is None else self.survivors
         wanted: dict[Notch, float] = {}
@@ -351,14 +337,9 @@ def search(
 ) -> SearchResult:
     """Search the filter of one order with the smallest worst tip peak.
 
-    The peak is that of the worst of all plants, and the filter has to meet all requirements.
-
     Args:
         problem: The axis; its fixed filters act beside the new one.
-        order: Order k of the filter.
-        shapes: Shapes that are tried.
         f_al_hz: Peak of |G_al|, around which the search looks.
-        effort: Size of the search.
         pool: Processes to use, from `workers`.
         given: Filters to start from, among others; the result is at least as good as those of them that meet all requirements.
         template: Filter that gives all parameters that are not searched.

@@ -22,8 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hil.control.arrays import Complex, Real
 
 TURNS = 2.0
 """Bound: a window in turns of the motor: it tells orders one apart, and a ramp through a resonance takes about as many."""
@@ -63,12 +62,7 @@ class OrderMap:
 class OrderTrack:
     """Components of a vibration at some orders, over the motor speed.
 
-    The orders are fitted all at once.
-
     Attributes:
-        speed_rps: Mean |f_m| of each window, rev/s, rising; shape (m,).
-        direction: +1 where the motor turned forwards, −1 backwards; shape (m,).
-        orders: Orders k; shape (p,).
         component: Complex amplitude c_k: the component is Re(c_k e^{jkθ_m}); shape (m, p).
         standard_error: Standard error of |c_k|; shape (m, p).
     """
@@ -109,7 +103,6 @@ def order_map(motor_angle_rad: Real, values: Real, period_s: float, orders: Real
     Args:
         motor_angle_rad: θ_m, unwrapped; shape (n,).
         values: The vibration, sampled with it; its mean over a window counts for nothing; shape (n,).
-        period_s: Sampling period.
         orders: Orders k > 0; shape (p,).
         turns: Length of a window in turns of the motor.
 
@@ -135,17 +128,12 @@ def order_track(
 ) -> OrderTrack:
     """Track components of a vibration at some orders.
 
-    In each window all orders and a parabola are fitted at once by weighted least squares.
-
     The standard error of an order is that of noise as strong as what the residual has beside that order, so that it holds for
     noise of any colour. A component that swells within a window is taken for its mean there, and its skirts count as noise.
 
     Args:
-        motor_angle_rad: θ_m, unwrapped; shape (n,).
-        values: The vibration, sampled with it; shape (n,).
-        period_s: Sampling period.
+        values: The vibration, sampled with θ_m; shape (n,).
         orders: Orders k > 0, at least one turn's worth apart; shape (p,).
-        turns: Length of a window in turns of the motor.
 
     Raises:
         ValueError: As `order_map`, or so few turns do not separate two orders.
@@ -158,14 +146,8 @@ def order_tracks(
 ) -> list[OrderTrack]:
     """Track several signals of one motion, as `order_track` does one.
 
-    The windows are solved once for all signals.
-
     Args:
-        motor_angle_rad: θ_m, unwrapped; shape (n,).
-        signals: What was sampled with it; one and more of shape (n,).
-        period_s: Sampling period.
-        orders: Orders k > 0, at least one turn's worth apart; shape (p,).
-        turns: Length of a window in turns of the motor.
+        signals: What was sampled with θ_m; one and more of shape (n,).
 
     Raises:
         ValueError: As `order_track`.
@@ -221,10 +203,7 @@ def _components(window: _Window, orders: Real, turns: float, waves: Real, step: 
 
 
 def _inverse(square: Real) -> Real:
-    """Pseudo-inverse of a positive semidefinite matrix, by its eigenvalues.
-
-    Eigenvalues that are zero but for rounding are left out.
-    """
+    """Pseudo-inverse of a positive semidefinite matrix, by its eigenvalues."""
     values, vectors = np.linalg.eigh(square)
     kept = values > 1e-15 * values[-1]
     vectors = vectors[:, kept]
@@ -272,10 +251,7 @@ def _shown(window: _Window, orders: Real) -> NDArray[np.bool_]:
 
 
 def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Real, turns: float) -> Iterator[_Window]:
-    """Cut the motion into windows along the motor angle.
-
-    Windows lie within stretches in which the motor turns one way.
-    """
+    """Cut the motion into windows along the motor angle."""
     angle, signal = np.asarray(motor_angle_rad, dtype=np.float64), [np.asarray(each, dtype=np.float64) for each in signals]
     for each in signal:
         if angle.shape != each.shape or angle.ndim != 1:

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimate import Estimate
 from hil.design.estimation import (
     EVALUATIONS,
@@ -35,7 +36,7 @@ from hil.design.estimation import (
     UnidentifiableError,
     inverse,
 )
-from hil.design.frequency import Complex, Real, TwoInertia
+from hil.design.frequency import TwoInertia
 from hil.design.plant_problem import (
     AGE,
     ARM_PART,
@@ -92,7 +93,6 @@ class PlantEstimate:
         response: Motor angle per torque.
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
-        periods: Number of periods that were averaged.
         torsion_rad: Amplitude of a sine at f_a whose torsion of the gear meets the same friction as the excitation; stiffness and
             damping hold for it where the gear has hysteresis.
         unknowns: The fit's own unknowns, from which another may start.
@@ -122,8 +122,6 @@ def fit_plant(
 ) -> PlantEstimate:
     """Fit J_m, J_l, K_g and the dampings on the excited lines.
 
-    The method is weighted nonlinear least squares.
-
     Minimises Σ |Ȳ* − P(jω) Ū*|²/σ²(P) over the lines, with σ from the scatter of both between periods, jointly with the age of
     the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: its information on f_a
     and ζ needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Means and standard errors are
@@ -134,9 +132,6 @@ def fit_plant(
     accelerometer as a lead of D_l/K_g, 0.1 ms on the reference robot, which its delay hides.
 
     Args:
-        data: Spectra of the main run's periods.
-        timing: Sampling times, and the law inside the drive.
-        reduction_ratio: Reduction ratio N.
         lever_m: Tip lever L of the bench file.
         gravity_nm_rad: Slope dM/dθ_l of the gravity moment over the stretch, which acts as a second spring on the arm.
         near: An earlier estimate to start from, besides the fit's own guesses.
@@ -384,7 +379,6 @@ def sine_of_same_friction_rad(plant: TwoInertia, frequency_hz: Real, angle: Comp
     standard deviation σ of ψ'; to a sine of amplitude a it is one of 4 F/(π ω_a a). Both are equal at a = (4/π) √(π/2) σ/ω_a.
 
     Args:
-        plant: The plant.
         frequency_hz: Excited lines; shape (lines,).
         angle: Spectra of the motor angle's periods, amplitudes; shape (periods, lines).
 

@@ -26,9 +26,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.cascade import Cascade
 from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
-from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
+from hil.design.frequency import AnyComplex, Loop, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
@@ -131,9 +132,7 @@ class _Closed:
     The shape is (1 + images, lines), unless stated.
 
     Attributes:
-        motion: Motor angle per torque demand.
         alone: What the law samples besides: the motor's own motion beyond half of the law's rate.
-        acting: Torque demand that the excitation causes.
         passed: Change of the sampled motor angle by one of its response.
         continuous: Motor angle at the images; shape (images, lines).
         torque: Reported torque there.
@@ -373,10 +372,7 @@ class PlantProblem:
     # -- unknowns ------------------------------------------------------------------------------------------------------
 
     def first_guesses(self) -> list[Real]:
-        """List the starts of the fit, the likeliest first.
-
-        They come from dip and peak of the response; if images hide those, also from trials.
-        """
+        """List the starts of the fit, the likeliest first."""
         none = np.zeros_like(self.excitation)
         torque = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], none)
         response = self._measured[0] / torque
@@ -389,10 +385,7 @@ class PlantProblem:
         return guesses if self._folded is None else [*guesses[:2], *self._tried()]
 
     def _tried(self) -> list[Real]:
-        """Try many plants and return the likeliest one or two.
-
-        The trials have f_a on a grid, some ratios of inertia, and total inertias around that of the lowest lines.
-        """
+        """Try many plants and return the likeliest one or two."""
         low = slice(0, max(2, len(self.jw) // 20))
         unlagged = np.array([0.0] * AGE + [0.5 * self.timing.control_s])
         felt = self.torque(unlagged, self._measured[1], np.zeros_like(self.excitation))
@@ -413,8 +406,6 @@ class PlantProblem:
 
     def beside(self, x: Real) -> list[Real]:
         """List starts beside a fit, the likeliest first.
-
-        They have the same f_a, total inertia and sensor, but another f_r.
 
         Where a slow SYNC's images lie over the peak of the response, f_r has minima of its own; elsewhere there are no starts.
         """
@@ -460,18 +451,12 @@ class PlantProblem:
         return unknowns if len(unknowns) == len(fresh) else fresh
 
     def is_inside(self, x: Real) -> bool:
-        """True if both resonances are in the band, or little above it.
-
-        Resonances further above are made of the images of a slow SYNC.
-        """
+        """True if both resonances are in the band, or little above it."""
         plant, frequency = self.plant(x), self.data.frequency_hz
         return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
 
     def bounds(self, x: Real, *, are_times_held: bool = False) -> tuple[Real, Real]:
-        """Bounds of one round of the fit around x.
-
-        They allow what physics allows, and no change that is too large to be trusted.
-        """
+        """Bounds of one round of the fit around x."""
         low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
         for unknown in (J_M, J_L, K_G, DAMPING, LEVER)[: 5 if self.data.tip is not None else 4]:
             low[unknown], high[unknown] = x[unknown] - LARGEST_CHANGE, x[unknown] + LARGEST_CHANGE
@@ -493,10 +478,7 @@ class PlantProblem:
         return np.array(sizes[: len(x)])
 
     def focus(self, f_a: float) -> None:
-        """Restrict the tip's residuals to lines around an antiresonance.
-
-        There the tip shows f_a and ζ; elsewhere the sensor's own response may spoil it.
-        """
+        """Restrict the tip's residuals to lines around an antiresonance."""
         frequency = self.data.frequency_hz
         self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 
@@ -563,10 +545,7 @@ class PlantProblem:
         return left
 
     def residual(self, x: Real) -> Real:
-        """Residuals in standard deviations, real and imaginary parts.
-
-        The last ones are those of the priors (`priors`).
-        """
+        """Residuals in standard deviations, real and imaginary parts."""
         stacked = np.concatenate(self.left(x)) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         priors = [value / deviation for _, value, deviation in self._prior_values(x)]
         # the loss makes squares of these
@@ -684,7 +663,6 @@ def slopes_by_terms(plant: TwoInertia, jw: AnyComplex, gravity_nm_rad: float) ->
     """Slopes of the responses by the coefficients of A, B and c.
 
     Args:
-        plant: The plant.
         jw: jω; shape (…).
         gravity_nm_rad: Gravity as in `angle_response`.
 
@@ -722,9 +700,7 @@ def tip_response(
         L s² θ_l/θ_m e^{−jωδ}, gravity as in `angle_response`
 
     Args:
-        plant: The plant.
         frequency_hz: Frequencies; shape (m,).
-        lever_m: Tip lever L.
         delay_s: Delay δ of the accelerometer.
         gravity_nm_rad: Spring constant k, dM/dθ_l of the gravity moment.
     """

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.design.frequency import Complex, Real
+from hil.control.arrays import Complex, Real
 
 Lines = NDArray[np.int64]
 
@@ -63,15 +63,11 @@ class Spectra:
 def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: float) -> Spectra:
     """Compute the spectra of the periods of some stretches.
 
-    They are taken on the excited lines, after slow drifts are removed.
-
     A drift differs from the periodic signal in that it changes from period to period, so its removal leaves the signal whole.
 
     Args:
         stretches: Stretches of whole periods.
-        samples: Number of samples per period.
         lines: Excited bins; shape (m,).
-        sync_s: Time between two samples.
 
     Raises:
         ValueError: A stretch is not a whole number of periods, or only one.
@@ -99,10 +95,7 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
 
 
 def _without_trend(rows: Real) -> Real:
-    """Subtract a polynomial of the time from rows of periods.
-
-    It is fitted to the part that is not periodic.
-    """
+    """Subtract a polynomial of the time from rows of periods."""
     periods, samples = rows.shape
     time = np.linspace(-1.0, 1.0, periods * samples)
     basis = np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1)

@@ -19,11 +19,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import ROUNDING
-
-Real = NDArray[np.float64]
 
 MOST_SETTINGS = 128
 """Bound: settings of a design: two of each of 64 orders, more than all axes of an arm have."""
@@ -43,9 +41,6 @@ def balanced_signs(settings: int) -> Real:
     ((12, 11), True, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
     If there are as many settings as runs, the last one is high in all of them; repeated runs at the level show its effect.
-
-    Args:
-        settings: Number of settings.
 
     Raises:
         ValueError: There is none, or more than `MOST_SETTINGS`.
@@ -141,8 +136,6 @@ def scatter_of(rows: Real) -> RunScatter:
 
 def effects_of(settings: Real, rows: Real) -> Effects:
     """Fit level and effects to all runs by least squares.
-
-    Each row is fitted for itself.
 
     Args:
         settings: Settings of each run, repeated runs at the level included; shape (runs, settings).
@@ -276,10 +269,7 @@ def _toeplitz(values: Real, by_lag: Real) -> Real:
 
 
 def _independent(correlation: Real) -> float:
-    """Number of independent samples in correlated rows, (tr R)²/tr R².
-
-    It is 0 if there is no disturbance.
-    """
+    """Number of independent samples in correlated rows, (tr R)²/tr R²; or 0."""
     count = correlation.shape[1]
     weights = 2.0 * (count - np.arange(count))
     weights[0] = count
@@ -291,9 +281,6 @@ def _inflation(correlation: Real, unknowns: int) -> float:
     """Ratio of the disturbance's power to that of the residual.
 
     The fit of `unknowns` unknowns takes a part of the disturbance away.
-
-    Raises:
-        ValueError: It has too few independent samples.
     """
     independent = _independent(correlation)
     if independent == 0.0:

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.servo import LAW, ServoConfig
 from hil.core.library import CORE
 from hil.design.frequency import Loop, TwoInertia, held
 from hil.design.transmission_error import TransmissionError
-
-Real = NDArray[np.float64]
 
 SAMPLE_S = 0.002
 """Bound: time between two samples of the result: 500 Hz shows vibrations up to 25 Hz with ease."""
@@ -31,7 +30,6 @@ class RampMotion:
     """Motion of the axis, at equal intervals.
 
     Attributes:
-        period_s: Time between two samples.
         motor_speed_rps: Motor speed f_m with its sign; shape (n,).
         arm_acceleration_rad_s2: Arm acceleration θ̈_l; shape (n,).
     """
@@ -83,8 +81,6 @@ def follow(
     tip peak of the ramp comes out within a few per cent of the full physics.
 
     Args:
-        loop: Plant, gains, filters, sampling time, delay.
-        error: Transmission error θ_sync.
         reference_rad: θ_ref at every period of the loop; shape (samples,). It starts at rest.
         sample_s: Time between two samples of the result, rounded to whole periods.
         load_nm: Friction and gravity against the motor, constant on a ramp. To a filter that follows the speed they matter: while

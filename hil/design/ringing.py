@@ -23,14 +23,12 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import SEARCHED_SIGMAS, SEEN_SIGMAS
 from hil.design.frequency import OF_SAMPLING
 from hil.design.plant_spectra import TREND_ORDER
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
-
-Real = NDArray[np.float64]
 
 RANGE_HZ = (2.0, 48.0)
 """Bound: frequencies that are looked at: arms of robots ring at 4 to 30 Hz."""
@@ -76,10 +74,7 @@ LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
 
 
 class NoResonanceError(ValueError):
-    """Error: the ramp shows no resonance that is clearly the arm's.
-
-    The message gives the reason.
-    """
+    """Error: the ramp shows no resonance that is clearly the arm's."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +86,6 @@ class Ramp:
         reference_rad: Set-points, which say when the ramp begins; shape (n,).
         tip_m_s2: Vertical acceleration of the tip; shape (n,).
         torque_nm: Torque of the motor; shape (n,).
-        period_s: Sampling period.
     """
 
     motor_angle_rad: Real
@@ -108,9 +102,7 @@ class Ringing:
     Attributes:
         peak_hz: Peak of the answer's acceleration, f_al.
         standard_error_hz: Its standard error, that of the model for the loop included.
-        damping: Damping ratio ζ.
         orders: Orders that show it, the clearest first.
-        explained_fraction: Fraction of the vibration that it explains.
     """
 
     peak_hz: float
@@ -140,7 +132,6 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
     """Resonance of the arm that a ramp shows.
 
     Args:
-        ramp: The recording.
         orders: Orders k that may shake the arm.
 
     Raises:
@@ -178,10 +169,7 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
 
 
 class _RampModel:
-    """Columns of the model for any ω and ζ.
-
-    The orders are transformed once.
-    """
+    """Columns of the model for any ω and ζ."""
 
     def __init__(self, ramp: Ramp, orders: tuple[float, ...]) -> None:
         period_s, angle = ramp.period_s, np.asarray(ramp.motor_angle_rad, dtype=np.float64)
@@ -212,10 +200,7 @@ class _RampModel:
         return LEAST_END_RPS <= speed_rps <= self._top_rps / BEYOND_RESONANCE
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
-        """Columns of the model; shape (n, unknowns).
-
-        They are the orders, the ringing from the start, and the slow curve.
-        """
+        """Columns of the model; shape (n, unknowns)."""
         x = self._frequency / resonance_hz
         answer = 1.0 / (1.0 + 2j * damping * x - x**2)
         driven = scipy.fft.irfft(self._spectra * answer, self._length, axis=-1)[:, self._rows].T
@@ -242,10 +227,7 @@ class _RampModel:
     def is_felt(self, tip: _Fit, speed_rps: float) -> bool:
         """True if the motor torque shows the tip's resonance.
 
-        The resonance has to explain more than orders whose amplitudes change linearly.
-
         Args:
-            tip: The tip's resonance.
             speed_rps: Speed at which the clearest order meets it.
         """
         low, high = (factor * speed_rps for factor in TORQUE_SPEEDS)
@@ -276,10 +258,7 @@ class _RampModel:
         return float(left @ left)
 
     def _fit(self, values: Real, resonance_hz: float, damping: float) -> _Fit:
-        """Compute standard errors and significances at the best resonance.
-
-        The noise is taken to be as strong as the residual beside the resonance.
-        """
+        """Compute standard errors and significances at the best resonance."""
         columns = self.columns(resonance_hz, damping)
         scale = _length(columns)
         scaled = columns / scale
@@ -330,9 +309,6 @@ def _rising(ramp: Ramp) -> tuple[int, int, Real]:
     """Find the rows of the ramp, and |f_m| in rev/s.
 
     The rows go from the first set-point that moves to just before the top speed; |f_m| has the shape (n,).
-
-    Raises:
-        NoResonanceError: The motor never moves.
     """
     moved = np.flatnonzero(ramp.reference_rad != ramp.reference_rad[0])
     if not len(moved):

@@ -5,14 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, Notch
 from hil.core.library import CORE
 from hil.design.frequency import Loop
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _COMPLEX = CORE.dtype("complex_real")
 FINE_BAND = (0.33, 2.7)
@@ -26,7 +23,6 @@ class SpeedMargins:
 
     Attributes:
         speeds_rps: Motor speeds; shape (speeds,).
-        sensitivity_peak: Peak M_s of the sensitivity.
         gain_margin_db: Gain margin, up or down; inf where the phase never crosses −180°.
         phase_margin_deg: Phase margin, up or down; 180 where |L| never crosses 1.
         turns: Turns of 1 + L round 0 against the loop without filters: not 0 where a filter, whose own poles are stable, has
@@ -41,10 +37,7 @@ class SpeedMargins:
 
 
 def widened(notch: Notch) -> Notch:
-    """Widen the range of a filter by its hysteresis.
-
-    A switched filter may act within the hysteresis too.
-    """
+    """Widen the range of a filter by its hysteresis."""
     if notch.mode != NOTCH_SWITCHED:
         return notch
     h = notch.hysteresis_rps
@@ -53,8 +46,6 @@ def widened(notch: Notch) -> Notch:
 
 class OpenLoops:
     """Open loops of one law around several plants, by their responses.
-
-    The parts that do not depend on filters are computed once.
 
     Attributes:
         law: The loop that has gains, sampling time and delay; its plant does not count here.
@@ -73,10 +64,7 @@ class OpenLoops:
         self._bare = np.array(bare, dtype=np.complex128)
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Compute the margins with the filters frozen at each speed.
-
-        A switched filter acts within its hysteresis too.
-        """
+        """Compute the margins with the filters frozen at each speed."""
         filters = replace(self.law, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
         width = max(1, len(filters.notches))
         coefficients = np.zeros((len(speeds_rps), width, 5))
@@ -96,11 +84,8 @@ class OpenLoops:
 def looked_at_hz(dips_hz: Sequence[float], period_s: float, step: float, high_hz: float = math.inf) -> Real:
     """Choose the frequencies at which loops are computed.
 
-    The step is fine in the band in which filters act on a resonance.
-
     Args:
         dips_hz: Resonances of the plants with the motor held; the first gives the step.
-        period_s: Sampling time of the loops.
         step: Step in units of the first.
         high_hz: Frequency up to which it is fine at most.
     """
@@ -121,7 +106,6 @@ class LoopFamily(OpenLoops):
         """Compute the open loops.
 
         Args:
-            loops: Loops, one per plant.
             step: Frequency step in the band of the filters in units of f_a; 1/320 gives M_s to 0.005, the phase margin to 0.5°.
 
         Raises:

@@ -12,12 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hil.control.arrays import Complex, Real
 
 PAPER_ORDERS = (2, 4)
 """Bound: orders of eq. (2)."""
@@ -29,12 +26,7 @@ SHOWN = (0.42, 0.5)
 
 @dataclass(frozen=True)
 class TransmissionError:
-    """Transmission error θ_sync = Σ A_k cos(k θ_m + φ_k), eq. (2).
-
-    Attributes:
-        amplitude_arcsec: Amplitude A_k by order k.
-        phase_deg: Phase φ_k by order k.
-    """
+    """Transmission error θ_sync = Σ A_k cos(k θ_m + φ_k), eq. (2)."""
 
     amplitude_arcsec: Mapping[float, float]
     phase_deg: Mapping[float, float]

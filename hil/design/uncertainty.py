@@ -1,7 +1,4 @@
-"""Plants that an axis might have.
-
-They are the nominal plant and corners of its uncertainty.
-"""
+"""Plants that an axis might have."""
 
 import itertools
 import math
@@ -32,8 +29,6 @@ class Member:
 
     Attributes:
         label: Its difference in words; `nominal` for that one.
-        plant: The axis.
-        error: Its transmission error.
         factors: Factors of the values that set it apart from the nominal one, by symbol.
     """
 
@@ -58,11 +53,8 @@ def around(
     The corners have a gear damping and amplitudes two standard errors to the worse side.
 
     Args:
-        plant: The nominal plant.
-        error: The nominal error.
         percent: Uncertainty of K_g and J_l; it wins over the standard errors where both are given. 0: only the nominal plant.
         standard_error: Standard errors by the names of `TwoInertia`, and `antiresonance_hz`.
-        amplitude_error_arcsec: Standard errors of A_k.
 
     Raises:
         ValueError: The percentage is not within 0 … 50, or above 0 and below `LEAST_SPREAD`.
@@ -134,18 +126,12 @@ def _member(factors: Mapping[str, float], plant: TwoInertia, error: Transmission
 
 
 def plants_words(members: Sequence[Member]) -> str:
-    """Describe the plants of a design and how far they differ.
-
-    For example: `5 plants: f_a ±3 %, K_g ±3 %`.
-    """
+    """Describe the plants of a design and how far they differ."""
     return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the nominal plant only"
 
 
 def spread_words(members: Sequence[Member]) -> str:
-    """Describe the distance of the corners from the nominal plant.
-
-    For example: `f_a ±3 %, K_g ±3 %`.
-    """
+    """Describe the distance of the corners from the nominal plant."""
     names = list(dict.fromkeys(name for member in members for name in member.factors))
     reach = {name: max(abs(member.factors.get(name, 1.0) - 1.0) for member in members) for name in names}
     return ", ".join(f"{name} ±{100.0 * distance:.2g} %" for name, distance in reach.items())

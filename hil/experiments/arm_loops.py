@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.line import arm_line
@@ -22,6 +21,7 @@ from hil.arm.straight_line import LineError
 from hil.arm.tables import ArmTable
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedArm, IdentifiedAxis, IdentifiedPlant, stiffness_of
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_OFF
 from hil.counting import axes_in_words
 from hil.design.coupled.loops import POLE_SPEEDS, ArmCase, ArmLoops, Other
@@ -29,8 +29,6 @@ from hil.design.coupled.structure import Structure
 from hil.design.frequency import Loop, TwoInertia
 from hil.design.uncertainty import CORNER_SIGMAS, Member
 from hil.robot_tables import Control
-
-Real = NDArray[np.float64]
 
 LINE_FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Accuracy: fractions of the way at which the arm is frozen: 9 or 17 change no M_s of the reference arm, and a phase margin by
@@ -63,10 +61,8 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
 
     Args:
         bench: The bench, with the models of its axes.
-        axis: Axis number.
         law: Gains, sampling time and delay of its loop; its plant does not count.
         members: Plants that the axis by itself might have; their spread is the uncertainty of the arm's frequencies.
-        identified: The model file, if there is one.
     """
     if bench.arm is None:
         return KnownLoops(None)
@@ -115,10 +111,7 @@ def _lacking_masses(arm: ArmTable) -> str | None:
 class _Masses:
     """Masses of an arm with its gears and motors.
 
-    The masses are those of the links' bodies, or identified ones.
-
     Attributes:
-        arm: The arm.
         joints: Motor and gear of each axis; None if the joint counts as rigid.
         known: Masses that were identified; None for the bodies of the arm's links.
     """
@@ -129,10 +122,7 @@ class _Masses:
 
     @classmethod
     def identified(cls, bench: Bench, known: IdentifiedArm, axes: Mapping[int, IdentifiedAxis]) -> "_Masses":
-        """Take masses and gears from an identified arm.
-
-        Motors and dampings come from the models of the axes.
-        """
+        """Take masses and gears from an identified arm."""
         assert bench.arm is not None  # noqa: S101 - or there were no masses of it
         joints: dict[int, TwoInertia | None] = dict.fromkeys(bench.arm.axes)
         for number, stiffness in zip(known.axes, known.stiffness_nm_rad, strict=True):
@@ -193,10 +183,7 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
 
 
 def _joint(table: AxisTable, known: IdentifiedAxis | None) -> TwoInertia | None:
-    """Motor and gear of a joint.
-
-    If the plant has several modes, the gear has their sums; otherwise it is the gear of the bench file.
-    """
+    """Motor and gear of a joint."""
     plant = table.plant()
     if plant is None:
         return None
@@ -244,10 +231,7 @@ def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], l
 
 
 def _laws(bench: Bench, numbers: Sequence[int], joints: dict[int, TwoInertia], law: Loop) -> dict[int, Loop]:
-    """Loops of the other axes whose gains are known.
-
-    They have the axes' own filters, but sampling time and delay of the judged loop.
-    """
+    """Loops of the other axes whose gains are known."""
     made = {}
     for number in numbers:
         table = bench.axis[number]
@@ -258,10 +242,7 @@ def _laws(bench: Bench, numbers: Sequence[int], joints: dict[int, TwoInertia], l
 
 
 def _cases(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws: dict[int, Loop], more: str) -> list[ArmCase]:
-    """Cases of one posture: other motors held, other loops closed.
-
-    The second case needs the gains of all other axes.
-    """
+    """Cases of one posture: other motors held, other loops closed."""
     own = numbers.index(axis)
     found = [ArmCase(f"{label}, other motors held{more}", whole, own)]
     if laws and len(laws) == len(numbers) - 1:
@@ -271,10 +252,7 @@ def _cases(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws
 
 
 def _filtered(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws: dict[int, Loop]) -> list[ArmCase]:
-    """Cases in which the filters of one other axis act.
-
-    All other loops are closed; there is one case per speed.
-    """
+    """Cases in which the filters of one other axis act."""
     found: list[ArmCase] = []
     if len(laws) < len(numbers) - 1:
         return found

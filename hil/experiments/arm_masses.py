@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.arm.line import arm_line
@@ -19,6 +18,7 @@ from hil.arm.straight_line import LineError
 from hil.arm.tables import ArmTable
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedArm
+from hil.control.arrays import Real
 from hil.design.coupled.masses import (
     LEAST_FREQUENCY_ERROR,
     FeltMode,
@@ -31,8 +31,6 @@ from hil.design.coupled.masses import (
 from hil.design.uncertainty import CORNER_SIGMAS, LEAST_SPREAD
 from hil.errors import HilError, NotPossibleError
 from hil.results.arm import ArmResult, LineDips, MeasuredDip
-
-Real = NDArray[np.float64]
 
 FEWEST_POSTURES = 3
 """Bound: postures below which nothing is fitted: fewer leave the masses behind one joint undetermined."""
@@ -58,8 +56,6 @@ class ArmNotIdentifiedError(HilError):
 
 def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
     """Fit the masses of a bench's arm to measured modes.
-
-    The modes are those that the axes show in several postures.
 
     Raises:
         NotPossibleError: The bench has no arm, the model file is another robot's, or it has too few postures.
@@ -229,10 +225,7 @@ class _Arm:
 
 
 def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
-    """Describe how far the bench file's bodies are from the measurement.
-
-    The words name the dip that is farthest; the list is empty without bodies.
-    """
+    """Describe how far the bench file's bodies are from the measurement."""
     with_bodies = [(row, row.bodies_hz) for row in measured if row.bodies_hz is not None]
     if not with_bodies:
         return []

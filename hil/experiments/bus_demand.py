@@ -15,10 +15,6 @@ class BusDemand:
     """Frames that a motion needs in every cycle.
 
     Attributes:
-        title: The motion in words.
-        axes: Numbers of the axes that move.
-        period_s: SYNC period.
-        loop: Side that closes the loop, the drive or the host.
         with_notch: True if the drives' variable filters act; they report their state where there is room.
         with_torque_offset: True if a torque offset (60B2h) is sent beside each position.
     """
@@ -62,10 +58,7 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
 
 
 def takes_torque_offset(profile: Profile) -> bool:
-    """True if drives of a family add a torque offset (60B2h).
-
-    The drive has to add it to the torque of its loop in the mode of a run.
-    """
+    """True if drives of a family add a torque offset (60B2h)."""
     capabilities = profile.capabilities
     if mode_of("drive", profile) is not CSP:
         return False

@@ -19,11 +19,7 @@ RISK = 0.1
 
 @dataclass(frozen=True)
 class Decision:
-    """Claim with its probability.
-
-    Attributes:
-        probability: Probability that it holds.
-    """
+    """Claim with its probability."""
 
     probability: float
 

@@ -59,10 +59,7 @@ def starting_at(motion: Motion, start_rad: float, stands_rad: float) -> Motion:
 
 
 def at_rest(bench: Bench, axes: Collection[int]) -> Bench:
-    """Bench on which runs wait until the brake's release rings no more.
-
-    The ringing of every known axis decays to a part that is harmless in a peak, `WORSE_FRACTION`.
-    """
+    """Bench on which runs wait until the brake's release rings no more."""
     settle_s = bench.settle_s
     for axis in axes:
         try:
@@ -86,11 +83,8 @@ def try_filters(
     Each round runs the motion without the filters and with them.
 
     Args:
-        bench: The bench file.
-        scale: Scale of the axes that move.
         runs: For each angle at which the motion starts, what runs it, with the filters or without.
         orders: Orders that the gear of a single axis is known to have, beside those of the scale.
-        reporter: Listener of each run.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.
@@ -122,10 +116,7 @@ def _worst_first(changes: Sequence[PeakChange]) -> list[PeakChange]:
 
 
 def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[PeakChange]:
-    """Select the changes that decide on the filters.
-
-    These are the judged windows, and others in which the tip exceeds the largest peak without the filters.
-    """
+    """Select the changes that decide on the filters."""
     largest_mm = max(change.before_mm for change in changes)
     found = [change for change in changes if change.order in judged or change.after_mm > largest_mm]
     return found if any(change.order in judged for change in found) else changes

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, shown_band, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
+from hil.control.arrays import Complex
 from hil.control.trajectory import reach_rps
 from hil.design.estimation import FAR_SIGMAS
-from hil.design.frequency import CONTROL_PERIOD_S, Complex
+from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.design.uncertainty import LEAST_SPREAD
 from hil.errors import NotPossibleError
@@ -58,25 +59,15 @@ class FoundScale:
 
 
 class RunJudge:
-    """Scales of the runs on a bench.
-
-    It keeps the resonances that ramps without treatment show, for the runs that follow.
-    """
+    """Scales of the runs on a bench."""
 
     def __init__(self, bench: Bench, identified: Identified | None = None) -> None:
-        """Begin without any run.
-
-        For an arm with several modes, the model file has the modes.
-        """
         self.bench, self._identified = bench, identified
         self._own: dict[int, Ringing] = {}
         self._why: dict[int, str] = {}
 
     def look(self, recording: Recording, axis: int) -> None:
-        """Look for the resonance of an axis in a ramp.
-
-        The ramp must be one without a treatment.
-        """
+        """Look for the resonance of an axis in a ramp."""
         try:
             self._own[axis] = own_ringing(recording, axis)
         except NoResonanceError as error:
@@ -85,8 +76,6 @@ class RunJudge:
 
     def rates(self, axis: int) -> Complex:
         """Closed-loop rates of an axis that its loop holds at standstill.
-
-        These are what can ring after a stop.
 
         Raises:
             NotPossibleError: The plant or the gains of the axis are not known.
@@ -213,10 +202,7 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
 
 
 def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float | None:
-    """Frequency f_al of an axis in Hz; None without a model.
-
-    It is the peak of |G_al| of the model with the P-PI in the drive.
-    """
+    """Frequency f_al of an axis in Hz; None without a model."""
     loop = bench.axis[axis].loop(control_period_s, with_notch=False)
     return None if loop is None else loop.peak_hz()
 
@@ -236,10 +222,7 @@ def axis_scale(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD
 
 
 def line_scale(bench: Bench, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of the line motion, or None if nothing is known.
-
-    It comes from the bench's band, or from all axes with a model; for the paper's robot from axis 2.
-    """
+    """Scale of the line motion, or None if nothing is known."""
     if bench.specification.band_hz is not None:
         return band_scale(bench.specification.band_hz)
     scales = {axis: axis_scale(bench, axis, control_period_s) for axis in bench.chain_axes}
@@ -294,11 +277,7 @@ def check_axis_shown(what: str, bench: Bench, axis: int, identified: Identified 
 def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | None = None) -> TipScale:
     """Scale for vibrations that are only compared with each other.
 
-    It comes from f_al, or from the identified resonance of the arm on its gear.
-
     Args:
-        bench: The bench file.
-        axes: Axes that move.
         identified: Model file of a cancellation; None: the bench file's model holds.
 
     Raises:

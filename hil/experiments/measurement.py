@@ -78,12 +78,8 @@ class Measurement(Generic[R]):
         """Keep the bench and the directory; nothing is opened yet.
 
         Args:
-            bench: The bench file.
-            out: Directory of the files; made where it is missing.
             make_result: Maker of the result as it is before anything has been measured.
             channel: The bus; opened from the bench file's address, and closed, unless it is given.
-            reporter: Listener of progress.
-            file_name: Name of the result's file.
         """
         self._bench, self._out, self._make_result, self._file_name = bench, out, make_result, file_name
         self._given, self._reporter = channel, reporter
@@ -115,10 +111,7 @@ class Measurement(Generic[R]):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
-        """Close the bus and write the result.
-
-        If something has been measured, an error is noted in the result instead of raised.
-        """
+        """Close the bus and write the result."""
         if self._given is None:
             self._channel.close()
         if error is not None:
@@ -165,13 +158,6 @@ class Measurement(Generic[R]):
         reset_faults: bool = False,
     ) -> Iterator[Session]:
         """Bring up a session that logs every frame.
-
-        The bus must carry the motions of `demands`.
-
-        Args:
-            demands: Demands of the motions to come.
-            overload: Do not check the demands.
-            reset_faults: Reset drives that are in fault before anything else.
 
         Raises:
             ProfileGapsError: Profiles lack what the motions need; nothing has been sent.
@@ -226,12 +212,6 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
 
     Nothing is sent.
 
-    Args:
-        bench: The bench file.
-        channel: The bus.
-        demands: Demands of the motions.
-        overload: Do not check whether the frames fit.
-
     Returns:
         For each demand True if there is room for the state of the drives' filters as well.
 
@@ -247,8 +227,5 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
 
 
 def log_label(address: Address) -> str:
-    """Name of a bus in a candump log.
-
-    For SocketCAN it is the interface of the system, so that the log can be replayed to it.
-    """
+    """Name of a bus in a candump log, by which it can be replayed."""
     return address.channel if address.interface == "socketcan" else address.interface

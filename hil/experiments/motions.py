@@ -82,10 +82,7 @@ def line_motion(bench: Bench, period_s: float) -> Motion:
 
 
 def _arm_motion(bench: Bench, arm: ArmTable, motion: LineMotion, period_s: float) -> Motion:
-    """Motion of an arm along its line.
-
-    Axes that the line does not turn stay where they are, with their brakes closed.
-    """
+    """Motion of an arm along its line."""
     wanted = arm_line(arm, motion)
     limits = [
         _joint_limits(bench.axis[link.axis], link, home) for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True)
@@ -97,10 +94,7 @@ def _arm_motion(bench: Bench, arm: ArmTable, motion: LineMotion, period_s: float
 
 
 def _joint_limits(axis: AxisTable, link: ArmLink, home_rad: float) -> JointLimits:
-    """Limits of a joint: the closer ones of axis and link.
-
-    The limits of the axis are those at its motor.
-    """
+    """Limits of a joint: the closer ones of axis and link."""
     turn = 2.0 * math.pi / axis.reduction_ratio
     low, high = home_rad + axis.limits.position_min_rev * turn, home_rad + axis.limits.position_max_rev * turn
     speed = axis.limits.speed_rps * turn

@@ -13,9 +13,6 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
     It is None if a file has a plant, whose inertia then holds.
 
     Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        number: Axis number.
         given_kg_m2: J_m of a data sheet; None: as the bench file gives it.
 
     Raises:
@@ -35,15 +32,7 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
 
 
 def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> str:
-    """Describe why axes cannot be cancelled.
-
-    Either the transmission error or the motor inertia is not known.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        axes: Their numbers.
-    """
+    """Describe why axes cannot be cancelled."""
     for number in axes:
         known, table = None if identified is None else identified.axis.get(number), bench.axis[number]
         error = None if known is None or known.plant is not None or table.model is not None else known.ate

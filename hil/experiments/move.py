@@ -41,10 +41,7 @@ def way_of(number: int, way_rad: float, speed_rps: float, period_s: float, most_
     The motor stays at the end of it.
 
     Args:
-        number: Number of the axis.
-        way_rad: Turn of the motor.
         speed_rps: Largest speed of the motor.
-        period_s: SYNC period.
         most_rps_s: Largest acceleration of the motor; None without a limit.
     """
     smooth = Smooth.way(way_rad / math.tau, speed_rps, APPROACH_RAMP_S, most_rps_s)
@@ -58,11 +55,9 @@ class MoveRequest:
     """Request of a move; a position, a way or the position before a motion is given.
 
     Attributes:
-        axis: Number of the axis.
         to_rev: Motor position as the drive counts, rev; or None.
         by_rev: Way of the motor from its present position, rev; or None.
         before: Position before the last motion; or None.
-        loop: Side that closes the loop, the drive or the host.
     """
 
     axis: int
@@ -103,10 +98,6 @@ class Move:
     """Move that is planned from the axis' present position.
 
     Attributes:
-        request: The request.
-        from_rev: Present position of the motor.
-        to_rev: Target of the motor.
-        speed_rps: Largest speed of the motor.
         fault: Fault that the drive is in, in words; None if it is in none.
         bench: The bench file; the limits of an axis at or beyond them leave room to turn back.
     """
@@ -151,7 +142,6 @@ class MoveOutcome:
 
     Attributes:
         stands_rev: Position of the motor after the move; None after a stop.
-        stopped: Reason why the move was stopped, or None.
         not_restored: Objects that could not be restored in the nodes.
     """
 
@@ -166,8 +156,6 @@ def plan_move(bench: Bench, request: MoveRequest, *, channel: Channel | None = N
     Nothing is written or enabled.
 
     Args:
-        bench: The bench file.
-        request: The request.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
 
     Raises:
@@ -185,10 +173,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
     The fault is reset only if the drive has one.
 
     Args:
-        move: The move.
         log: File for every frame; None for none.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        reporter: Listener of progress.
 
     Raises:
         NodeError: The axis has moved since the move was planned, or its fault stays.
@@ -217,10 +202,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
 def _session(
     bench: Bench, request: MoveRequest, log: Path | None, given: Channel | None, reporter: Reporter
 ) -> Iterator[Session]:
-    """Open a session whose nodes have been found.
-
-    The drive of the axis may be in fault.
-    """
+    """Open a session whose nodes have been found."""
     channel = open_channel(parse_address(bench.bus.address)) if given is None else given
     try:
         period_s = bench.bus.host_sync_period_s if request.loop == "host" else bench.bus.sync_period_s
@@ -234,11 +216,7 @@ def _session(
 
 
 def _planned(session: Session, request: MoveRequest) -> Move:
-    """Plan the move from the axis' present position.
-
-    Raises:
-        UnsafeRequestError: It would end beyond the limits.
-    """
+    """Plan the move from the axis' present position."""
     bench, axis = session.bench, session.axes[request.axis]
     limits = axis.table.limits
     here = axis.position_rad() / math.tau

@@ -38,10 +38,6 @@ class InfeasibleError(HilError):
     exit_code: ClassVar[int] = 9
 
     def __init__(self, axis: int, what: str, missed: Sequence[RequirementCheck]) -> None:
-        """Keep the axis, a sentence, and the missed checks.
-
-        The sentence describes the search; the checks are those that the closest filter misses.
-        """
         self.axis, self.what, self.missed = axis, what, tuple(missed)
         super().__init__(f"axis {axis}: {what}{': ' if self.missed else ''}{'; '.join(map(str, self.missed))}")
 
@@ -51,11 +47,6 @@ class NotchDesignOutcome:
     """End of a notch design.
 
     Attributes:
-        bench: Bench file as it was used, with the identified model.
-        source: Source of the plant, in words.
-        request: Request of the design.
-        problem: Problem that was solved.
-        f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the best filters, or those that miss least; None if only the given ones were judged.
@@ -116,13 +107,9 @@ def design(
 ) -> NotchDesignOutcome:
     """Design the filters of one axis.
 
-    If no filter meets all requirements, the outcome names those that the closest misses.
-
     Args:
-        bench: The bench file.
         request: Axis, orders, shapes and requirements.
         identified: A model file, which takes precedence over the bench file's model.
-        reporter: Listener of the progress.
 
     Raises:
         NotPossibleError: The bench lacks something that a design needs.
@@ -183,10 +170,7 @@ def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
 
 @dataclass
 class _Series:
-    """Search of filters for several orders, one after the other.
-
-    Filters of other orders stay as they are given.
-    """
+    """Search of filters for several orders, one after the other."""
 
     problem: NotchProblem
     request: NotchDesignRequest
@@ -237,10 +221,7 @@ class _Series:
         )  # fmt: skip
 
     def _reason_against(self, order: int, result: SearchResult) -> InfeasibleError | None:
-        """Reason why an order gets no filter, or None.
-
-        The closest filter is kept for the report if it misses a margin.
-        """
+        """Reason why an order gets no filter, or None."""
         shapes = " or ".join(self.request.shapes)
         margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
         if margins:
@@ -264,8 +245,6 @@ class _Series:
 
 def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float) -> ParameterSet:
     """Convert filters to a parameter set for `drive-profiles upload`.
-
-    The drive's other filters are switched off.
 
     Raises:
         NotPossibleError: The drive family has no variable notch.
@@ -342,10 +321,7 @@ def designed_axis(outcome: NotchDesignOutcome) -> DesignedAxis:
 
 
 def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
-    """Result of a design for `design.json`.
-
-    Values are in SI units; values without a bound are None.
-    """
+    """Result of a design for `design.json`; None for what has no bound."""
     problem = outcome.problem
     return NotchDesignResult(
         bench=outcome.bench.name,

@@ -38,14 +38,7 @@ LARGEST_ORDER = 8
 
 @dataclass(frozen=True)
 class TipDisplacement:
-    """Tip displacement of a simulated run.
-
-    The metric is that of measured runs (`hil.analysis`).
-
-    Attributes:
-        lever_m: Distance from the arm's axis to the tip.
-        scale: Scale of the axis.
-    """
+    """Tip displacement of a simulated run."""
 
     lever_m: float
     scale: TipScale
@@ -60,14 +53,10 @@ class NotchDesignRequest:
     """Request of a notch design.
 
     Attributes:
-        axis: Axis number.
         orders: Orders k, in the order in which their filters are designed.
-        shapes: Shapes that are tried.
         requirements: Margins and tip peak; None for the defaults with the bench file's specification.
         uncertainty_percent: Uncertainty of K_g and J_l; None for the model file's standard errors, or 5 %.
         period_s: Sampling time of the loop; None for the drive family's, or 250 µs.
-        delay_samples: Whole samples between measurement and torque.
-        effort: Evaluations and seed of the search.
         jobs: Number of processes; 0 for this one alone.
         is_given: True to judge the bench file's own filters only.
     """
@@ -86,8 +75,6 @@ class NotchDesignRequest:
 
 def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: IdentifiedAxis | None = None) -> tuple[NotchProblem, float]:
     """Build the design problem of a request, and f_al in Hz.
-
-    `arm_loops` adds the loop on an arm.
 
     Orders of the request that the axis does not reach within its speed limit are not among the problem's.
 
@@ -172,8 +159,6 @@ def _ramps(
     """Build the ramps, and the windows of the reached orders.
 
     The ramps are the user's own, a slower and a faster one. The windows are those of orders that the user's own ramp reaches.
-
-    All lead as far as f_al and the axis' speed limit let them, wherever the user's motion ends.
     """
     if bench.constant_acceleration is None:
         raise NotPossibleError(
@@ -186,9 +171,7 @@ def _ramps(
     wanted = WATCHED * f_al_hz / min(request.orders)
 
     def ramp(factor: float, weight: float, top: float) -> DesignRamp:
-        return DesignRamp.of(
-            factor * rate, low, limits.speed_rps, top, f_al_hz, period_s, weight, is_own=factor == 1.0
-        )  # fmt: skip
+        return DesignRamp.of(factor * rate, low, limits.speed_rps, top, f_al_hz, period_s, weight)
 
     own = ramp(1.0, 1.0, max(wanted, *(high for _, high in made.values())))
     inertia = plant.motor_inertia_kg_m2 + plant.arm_inertia_kg_m2 / plant.reduction_ratio**2

@@ -7,16 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
+from hil.control.arrays import Real, Rows
 from hil.design.notch_problem import WORSE_FRACTION, WORSE_MM
 from hil.experiments.decision import Decision
 from hil.experiments.window import noise_variance
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 LEAST_ROWS = 8
 """Measured: rows that a window must have: the windows that 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749) reach
@@ -94,7 +91,6 @@ class Windows:
         Args:
             recording: One recording of it.
             read: Rows that are read; shape (n,).
-            scale: Scale of its axes.
         """
         to_mm, band_hz = 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2, scale.band_hz[1] - scale.band_hz[0]
         passed = min(1.0, 2.0 * recording.period_s * band_hz)

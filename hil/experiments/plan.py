@@ -46,8 +46,6 @@ class Experiment:
     Attributes:
         name: `constant-acceleration`, `line-motion` or `point-to-point`.
         axis: The axis that moves alone; None for the line motion.
-        treatment: Treatment of the vibration.
-        loop: Side that closes the loop, the drive or the host.
     """
 
     name: str
@@ -148,11 +146,7 @@ def entries(
 ) -> list[RunEntry]:
     """Make the entries of one run.
 
-    There is one per order's window, or one for the line motion.
-
     Args:
-        bench: The bench file.
-        experiment: Experiment of the run.
         result: Result of the run; of several runs their mean.
         recording: Path of the recording, from the result's directory.
         trial: End of the trial before the run.
@@ -196,10 +190,7 @@ def entries(
 def _stop_entry(
     judge: RunJudge, experiment: Experiment, result: RunResult, recording: str, repeated: int, trial: TrialVerdict
 ) -> RunEntry:
-    """Make the entry of a point-to-point move.
-
-    It judges what rings after the stop; the arguments are those of `entries`.
-    """
+    """Make the entry of a point-to-point move."""
     axis = experiment.axis or 0
     found = judge.found(axis)
     stop = judged_stop(judge.bench, axis, result, found, judge.rates(axis))
@@ -224,7 +215,6 @@ def _stop_entry(
 def _entry(
     bench: Bench, experiment: Experiment, result: RunResult, found: FoundScale, order: int | None, window: JudgedWindow
 ) -> RunEntry:
-    """Entry of one window, with the data of the run."""
     scale = found.scale
     return RunEntry(
         experiment=experiment.name,
@@ -261,10 +251,7 @@ def timing_of(result: RunResult) -> RunTiming | None:
 
 
 def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
-    """Compare each treatment with none, in every pair of runs.
-
-    Of a ramp the leading window is compared.
-    """
+    """Compare each treatment with none, in every pair of runs."""
     pairs = []
     leads = leading(runs)
     for run in leads:
@@ -322,29 +309,20 @@ def _claim(claim: str, source: str, paper: Number, bench: Number, unit: str, hol
 def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
     """Check the paper's claims that the runs concern.
 
-    Each claim has the paper's number beside that of its robot here.
-
     Args:
         bench: The bench file of the paper's robot.
-        runs: Entries of the runs.
         pairs: Comparisons of the runs.
     """
     return [*_design_claims(bench), *_measured_claims(bench, runs), *_line_claims(pairs)]
 
 
 def outside(runs: Sequence[RunEntry]) -> list[RunEntry]:
-    """Runs with a remedy that do not keep the specification.
-
-    Of a ramp the leading window decides.
-    """
+    """Runs with a remedy that do not keep the specification."""
     return [run for run in leading(runs) if run.treatment in REMEDIES and run.within_spec is False]
 
 
 def _design_claims(bench: Bench) -> list[PaperClaim]:
-    """Check the claims of section 3.1, Table 1 and section 4.2.
-
-    The numbers are computed from the bench file's model, as the paper computed them.
-    """
+    """Check the claims of section 3.1, Table 1 and section 4.2."""
     rows = []
     for axis, (f_al, f_m2, f_m4) in TABLE_1.items():
         table = bench.axis.get(axis)

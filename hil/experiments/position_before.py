@@ -38,8 +38,6 @@ def position_before(bench: Bench, axis: int, folder: Path = Path()) -> PositionB
     """Find the position of an axis before its last motion on this bus.
 
     Args:
-        bench: The bench file.
-        axis: Number of the axis.
         folder: Folder in which the commands were given.
 
     Raises:
@@ -59,10 +57,7 @@ def position_before(bench: Bench, axis: int, folder: Path = Path()) -> PositionB
 
 
 def _positions(log: Path, interface: str, node: int) -> Iterator[bytes]:
-    """Yield the first position of a node, if the log has a motion of it.
-
-    Only before a motion the master writes the mode of operation.
-    """
+    """Yield the first position of a node, if the log has a motion of it."""
     try:
         events = overheard(open_log(log, interface=interface))
     except LogError:

@@ -48,10 +48,7 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def unjudged(self) -> bool:
-        """True if a run or a reachable order was not judged.
-
-        An order is reachable if its axis meets it within its limits.
-        """
+        """True if a run or a reachable order was not judged."""
         return any(run.invalid is not None or run.unjudged_orders for run in self.result.runs)
 
     @property
@@ -108,17 +105,10 @@ def run_experiments(
     Once a run has been recorded, its files and `result.json` are written, also after a failure.
 
     Args:
-        bench: The bench file.
-        experiments: Experiments in their order.
-        out: Directory of the files; made where it is missing.
         is_paper: Check all claims of the paper, tables included; only for the robot of the paper.
-        reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
-        overload: Run even what does not fit on the bus.
         knowledge: Knowledge beside the bench file; its identified models take precedence over the bench file's.
         repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        reporter: Listener of each run, the steps of a trial, and the present run's progress.
 
     Raises:
         ValueError: The paper's claims are asked of another robot.
@@ -141,7 +131,8 @@ def run_experiments(
     ) as measurement:
         result, judge = measurement.result, RunJudge(bench, knowledge.identified)
         measurement.check_clock(clock)
-        check_bands(bench, experiments, motions)
+        for experiment, motion in zip(experiments, motions, strict=True):
+            check_band(bench, experiment, motion)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
             for experiment, (motion, shaper), setup, shows in zip(
                 experiments, shaped, setups, measurement.shows_filter, strict=True
@@ -156,12 +147,7 @@ def run_experiments(
 
 
 def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
-    """Add the identified models to a bench.
-
-    Raises:
-        ValueError: It is to be the paper's robot, and is not.
-        NotPossibleError: The model file is another robot's.
-    """
+    """Add the identified models to a bench."""
     if is_paper and not bench.is_paper:
         raise ValueError(f"bench {bench.name!r} has reference = {bench.reference!r}; expected 'paper'")
     identified = knowledge.identified
@@ -174,11 +160,6 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
 def _set_up(
     bench: Bench, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> tuple[list[TreatmentSetup], list[tuple[Motion, ShaperEntry | None]]]:
-    """Set up each run, and its motion with its shaper.
-
-    Raises:
-        NotPossibleError: A treatment lacks its file, or has no meaning there.
-    """
     setups, shaped = [], []
     for experiment in experiments:
         check_stop(experiment.is_stop, experiment.treatment, experiment.loop)
@@ -191,11 +172,6 @@ def _set_up(
 
 
 def _trial_scale(bench: Bench, experiment: Experiment, motion: Motion) -> TipScale:
-    """Scale of the trial of designed filters.
-
-    Raises:
-        NotPossibleError: No f_al is known.
-    """
     scale = motion_scale(bench, experiment.axis)
     if scale is None:
         what = f"{experiment.treatment}: designed filters are tried on the robot first, in the windows where orders meet f_al"
@@ -206,12 +182,8 @@ def _trial_scale(bench: Bench, experiment: Experiment, motion: Motion) -> TipSca
 class _ExperimentRuns:
     """Runs of one experiment with its treatment.
 
-    A cancellation or a designed filter has a trial first.
-
     Attributes:
         results: Results of the runs; where one was stopped, that one alone.
-        trial: End of the trial.
-        cancelled: Orders that are cancelled in the runs.
         count: Number of runs that were begun.
     """
 
@@ -230,10 +202,7 @@ class _ExperimentRuns:
         self.count = 0
 
     def perform(self, repeat: int) -> None:
-        """Make the trial, then run the motion `repeat` times.
-
-        The first run that is stopped is the last.
-        """
+        """Make the trial, then run the motion `repeat` times."""
         self._session.check_interrupt()
         self._session.adopt(self._setup.bench)
         self._try()
@@ -275,10 +244,7 @@ class _ExperimentRuns:
             self._try_filters()
 
     def _try_following(self, following: FollowingSetUp) -> None:
-        """Try a cancellation that follows beside the one that has passed.
-
-        If the tip is louder with it, the cancellation alone is used.
-        """
+        """Try a cancellation that follows beside the one that has passed."""
         cancellation = following.cancellation
 
         def run(follows: bool) -> FollowRun:
@@ -298,10 +264,6 @@ class _ExperimentRuns:
         self.trial = replace(self.trial, following=entry)
 
     def _try_filters(self) -> None:
-        """Try designed filters.
-
-        If they raise the tip's peak, the runs are made without them.
-        """
         session, bench, axis = self._session, self._session.bench, self._experiment.axis
         scale = _trial_scale(bench, self._experiment, self._motion)
         model = None if axis is None else bench.axis[axis].model
@@ -351,7 +313,6 @@ class _ExperimentRuns:
         self._filters, self.trial = choice.filters, TrialVerdict(choice.verification.entry(), refusal, plain=plain)
 
     def _run(self) -> RunResult:
-        """Make one run."""
         setup, motion = self._setup, self._motion
         follower = None if self._following is None else self._following.adder()
         plain = None if self._cancellation is None or follower is not None else self._cancellation.adder()
@@ -407,16 +368,6 @@ def mean_of(results: list[RunResult]) -> RunResult:
         dropped_cycles=max(result.dropped_cycles for result in results),
         discarded=max(result.discarded for result in results),
     )
-
-
-def check_bands(bench: Bench, experiments: Sequence[Experiment], motions: Sequence[Motion]) -> None:
-    """Refuse SYNC periods at which a vibration could not be judged afterwards.
-
-    Raises:
-        NotPossibleError: A period is too long.
-    """
-    for experiment, motion in zip(experiments, motions, strict=True):
-        check_band(bench, experiment, motion)
 
 
 def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 from hil.arm.kinematics import Kinematics
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.control.arrays import Complex, Real
 from hil.control.shapers import EI_TOLERANCE, Shaper, SwingingMode, shaper_for
 from hil.control.treatments import LoopName, ShaperName, treatment
-from hil.design.frequency import CONTROL_PERIOD_S, Complex, Real
+from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.modes.problem import ArmMode
 from hil.design.modes.ring_down import closed_loop_rates, modes_of
 from hil.errors import NotPossibleError
@@ -49,9 +50,7 @@ class FittedShaper:
     """Shaper that is fitted to a robot.
 
     Attributes:
-        name: Its name.
         modes: Modes that it is for, the first one's impulses first.
-        shaper: Its impulses.
         left: Modes that it leaves alone, beyond what EI allows.
     """
 
@@ -92,12 +91,6 @@ def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identifie
 
     The modes count from the lowest; a shaper for a lower one may remove a higher one too.
 
-    Args:
-        name: Name of the shaper.
-        bench: The bench file, with identified models where there are any.
-        axes: Axes that move.
-        identified: Model file, for an arm that rings with several modes.
-
     Raises:
         NotPossibleError: No axis that moves has a model, or none of them rings.
     """
@@ -124,12 +117,6 @@ def _leaves(made: Shaper, mode: SwingingMode) -> bool:
 def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identified | None) -> FittedShaper | None:
     """Shaper of a treatment, fitted to the moving axes, or None.
 
-    Args:
-        bench: The bench file, with identified models where there are any.
-        name: Name of the treatment.
-        axes: Axes that move.
-        identified: Model file, for an arm that rings with several modes.
-
     Raises:
         NotPossibleError: It cannot be fitted.
     """
@@ -141,12 +128,6 @@ def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identifie
     """Shape a motion by a treatment, with the shaper's entry.
 
     A treatment without a shaper leaves the motion as it is, and has no entry.
-
-    Args:
-        bench: The bench file, with identified models where there are any.
-        name: Name of the treatment.
-        motion: The motion without it.
-        identified: Model file, for an arm that rings with several modes.
 
     Raises:
         NotPossibleError: The shaper cannot be fitted.

@@ -46,7 +46,7 @@ def arm_remark(bench: Bench, name: str) -> str | None:
 
     The reference arm's line is left at 0.012 mm by both, at 0.009 mm by the cancellation alone.
     """
-    if bench.arm is None or not treatment(name).is_combined:
+    if bench.arm is None or not (treatment(name).filters and treatment(name).cancels):
         return None
     return (
         f"{name}: on an arm, filters with a cancellation leave more vibration than the cancellation alone. The loops then "
@@ -84,9 +84,6 @@ def known_from(
     Args:
         bench_file: File of the bench, or a name of the package.
         bench: The bench that it has given.
-        model: Model file of `hil identify`.
-        design: Design file of `hil design`.
-        learnt: Model file of `hil learn`.
 
     Raises:
         FileError: A file is not valid; every problem is listed by line.
@@ -109,7 +106,6 @@ class TreatmentSetup:
         bench: The bench file, with the gains and filters of this treatment.
         filters: Filters of the drives that act.
         is_designed: True if the filters are those of a design file, which are tried on the robot first.
-        is_cancelled: True if the host adds to the set-points.
         is_inside: True if the drives cancel the error in their own loops.
         cancel_with: Model of the cancellation; None for the bench file's.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
@@ -132,11 +128,7 @@ def treatment_setup(bench: Bench, name: TreatmentName, knowledge: Knowledge, per
     """Set-up of a treatment: the bench file and the switches.
 
     Args:
-        bench: The bench file.
-        name: Name of the treatment.
-        knowledge: Knowledge beside the bench file.
         period_s: Sampling time of the loop, for filters that are computed here.
-        loop: Side that closes the loop, the drive or the host.
 
     Raises:
         NotPossibleError: A file that it needs is missing or another robot's, or it is not possible in this loop.
@@ -164,11 +156,7 @@ def treatment_setup(bench: Bench, name: TreatmentName, knowledge: Knowledge, per
 
 
 def _check_loop(row: Treatment, loop: str) -> None:
-    """Refuse a loop in which a treatment cannot act.
-
-    Raises:
-        NotPossibleError: The treatment cannot act in this loop.
-    """
+    """Refuse a loop in which a treatment cannot act."""
     if loop in row.loops:
         return
     if row.shaper is not None:
@@ -182,9 +170,6 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
     """Model of a cancellation, or None for the bench file's.
 
     It is None without a cancellation too.
-
-    Raises:
-        NotPossibleError: It needs a learnt model, and there is none.
     """
     if row.needs == "learnt" and knowledge.learnt is None:
         raise NotPossibleError(f"{row.name} needs a learnt cancellation; give --learnt learnt.toml, from hil learn")
@@ -194,10 +179,7 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
 
 
 def with_scaled_gains(bench: Bench, factor: float) -> Bench:
-    """Multiply all gains of a bench by a factor.
-
-    The low-pass filters stay.
-    """
+    """Multiply all gains of a bench by a factor."""
     axes = {}
     for number, table in bench.axis.items():
         control = table.gains(f"axis {number} with lower gains")

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import (
     BRAKING_S,
@@ -24,9 +23,9 @@ from hil.analysis import (
 )
 from hil.bench.bench import Bench
 from hil.bench.tip import AT_RANGE
+from hil.control.arrays import Complex, Real
 from hil.design.ate.model import resolution_rad
 from hil.design.ate.rest import STILL_ROOM, variance_at_rest
-from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import OrderTrack, order_track
 from hil.experiments.judge import FoundScale
@@ -34,8 +33,6 @@ from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
 from hil.recording import SENSED, TIP, Recording
 from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_acceleration, vector_metrics
-
-Real = NDArray[np.float64]
 
 NOISE_PEAK = 2.5
 """Probability: largest value of a band's noise in a window by its root mean square: that of a dozen independent samples."""
@@ -46,9 +43,7 @@ class JudgedWindow:
     """One window of a run.
 
     Attributes:
-        metrics: Its metrics; None if there are none.
         is_within: True within the specification; None if it was not judged.
-        invalid: Reason why it was not judged.
     """
 
     metrics: Metrics | None = None
@@ -64,9 +59,7 @@ def judged_windows(
     A window that cannot be judged has the reason, and is never within the limits.
 
     Args:
-        bench: The bench file.
         axis: Axis of a ramp, None for the line motion.
-        result: Result of the run.
         orders: Orders of the windows, None for the line motion.
         found: Scale of the axes that moved.
     """
@@ -94,27 +87,14 @@ def _judged(
 
 @dataclass(frozen=True)
 class JudgedStop:
-    """Ringing after a stop, and the verdict on it.
-
-    Without a ring-down there is no verdict.
-    """
+    """Ringing after a stop, and the verdict on it."""
 
     window: JudgedWindow
     ringing: RingDown | None = None
 
 
 def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, rates: Complex) -> JudgedStop:
-    """Judge a stop by the ringing of the tip.
-
-    The ringing is the tip's displacement from the instant at which the set-points stop.
-
-    Args:
-        bench: The bench file.
-        axis: The axis that has moved.
-        result: Result of the run.
-        found: Scale of the axis.
-        rates: Rates of its closed loop.
-    """
+    """Judge a stop by the ringing of the tip."""
     if result.stopped is not None:
         return JudgedStop(JudgedWindow())
     recording = result.recording
@@ -130,7 +110,9 @@ def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, r
     frequency, amplitude = amplitude_spectrum(ringing.wave_m_s2, recording.period_s, "boxcar")
     peak, peak_hz = peak_of(frequency, amplitude, found.scale.peak_band_hz)
     covered = area(frequency, amplitude, shown_band(recording.period_s, found.scale.band_hz))
-    metrics = Metrics(ringing.largest_mm, ringing.rms_mm, peak, peak_hz, covered, noise_mm=NOISE_PEAK * ringing.largest_error_mm)
+    metrics = Metrics(
+        ringing.largest_mm, ringing.rms_mm, peak, peak_hz, covered, noise_mm=NOISE_PEAK * math.hypot(*ringing.error_mm)
+    )
     if found.doubt is not None:
         return JudgedStop(JudgedWindow(metrics, invalid=found.doubt), ringing)
     return JudgedStop(_verdict(metrics, ringing.largest_mm, bench.specification.tip_mm, found), ringing)
@@ -169,11 +151,7 @@ def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScal
 
 
 def _check_cycles(bench: Bench, result: RunResult) -> None:
-    """Refuse a run that lacks too many answers.
-
-    Raises:
-        ValueError: It does; the message has the numbers.
-    """
+    """Refuse a run that lacks too many answers."""
     if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_MISSED * result.cycles:
         raise ValueError(
             f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
@@ -217,10 +195,7 @@ def _metrics(
 def _with_vector(
     bench: Bench, metrics: Metrics, recording: Recording, axis: int | None, order: int | None, scale: TipScale | None
 ) -> Metrics:
-    """Metrics of the tip as a vector.
-
-    They are those of the worst direction; those of all directions are kept beside them.
-    """
+    """Metrics of the tip as a vector."""
     acceleration, period = tip_acceleration(recording), recording.period_s
     judged = moving = np.ones(len(acceleration), dtype=np.bool_)
     line = bench.line_motion
@@ -259,13 +234,7 @@ def _one_direction(bench: Bench, recording: Recording, order: int | None, found:
 
 @dataclass(frozen=True)
 class _RampTip:
-    """Noise and orders of the tip on a ramp, for all its windows.
-
-    Attributes:
-        recording: The ramp.
-        axis: Axis that moved.
-        scale: Its scale.
-    """
+    """Noise and orders of the tip on a ramp, for all its windows."""
 
     recording: Recording
     axis: int

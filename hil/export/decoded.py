@@ -55,7 +55,6 @@ class NodeUnits:
 
     Attributes:
         prefix: Name of the axis, or of the node without a bench file.
-        notes: Sentences on unknown scales.
     """
 
     def __init__(self, node: Node, bench: Bench | None) -> None:
@@ -169,8 +168,6 @@ class NamedPdo:
 
     Attributes:
         name: Name: `axis2_tpdo1`.
-        prefix: Name of the axis.
-        numbers: Its numbers.
         rows: Frames that came under this mapping, of those that are long enough; shape (n,).
     """
 

@@ -3,12 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hil.control.arrays import Real
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
 
 SUFFIXES = {"rad": "rad", "m_s2": "m/s²", "nm": "N·m", "hz": "Hz", "s": "s", "rad_s": "rad/s", "per_mille": "‰"}
 """Units by the ending of a column's name; the longest that fits counts."""

@@ -30,7 +30,6 @@ class Known:
 
     Attributes:
         bench: Bench file; None: that of the result in the log's folder.
-        descriptions: Device descriptions by node-ID.
         interface: Interface of a log of several; None: that of the first frame.
         run: Name of the recording in a directory of several; None if there is one.
     """
@@ -86,8 +85,6 @@ def bench_beside(log: Path) -> Bench | None:
 def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
     """Return the numbers of a source over time, and its frames' meaning.
 
-    The meaning is that of a log.
-
     Raises:
         HilError: There are no numbers, or several recordings and none is named.
     """
@@ -110,7 +107,6 @@ def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
 
 
 def _recording_of(path: Path, run: str | None) -> Path:
-    """The recording of a directory."""
     if not path.is_dir():
         return path
     there = sorted((path / RUNS).glob(f"*{RECORDING_SUFFIX}"))

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import ExportError, MissingPackageError
-from hil.export.series import TIME, Real, Series, unit_of
+from hil.export.series import TIME, Series, unit_of
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 PIECE = 20_000

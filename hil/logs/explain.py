@@ -21,9 +21,7 @@ class Explanation:
     """Contents of a log in words.
 
     Attributes:
-        trace: The log that was looked through.
         findings: Findings, worst first; equally bad ones in their order of time.
-        unknown: Questions that it cannot answer.
     """
 
     trace: Trace

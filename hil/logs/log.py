@@ -56,7 +56,6 @@ class Stream:
     """Frames of one identifier, in their order.
 
     Attributes:
-        can_id: Identifier, with flags.
         position: Position of each in the log; shape (n,).
         stamp_ns: Stamps since the log's first frame, in ns; shape (n,).
         length: Bytes of each; shape (n,).

@@ -46,10 +46,6 @@ class MappedNumber:
     """A number in a PDO.
 
     Attributes:
-        address: Index and sub-index.
-        start: First bit.
-        bits: Length in bits.
-        is_signed: True if it has a sign.
         is_real: True for a floating-point number of 32 or 64 bits.
     """
 
@@ -95,8 +91,6 @@ class Pdo:
     Attributes:
         direction: Direction, as the node sees it.
         number: From 1.
-        can_id: Identifier.
-        transmission_type: Transmission type; None if it is not known.
         entries: Its numbers; empty if the mapping is not known.
     """
 
@@ -126,7 +120,6 @@ class Node:
     Attributes:
         values: Contents of its objects then, by address: written or read last, else from a description.
         heard: Addresses of those in the log itself.
-        pdos: Its PDOs.
     """
 
     number: int

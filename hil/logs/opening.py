@@ -86,10 +86,7 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
 def _foreign(
     path: Path, counters: NDArray[np.int64], ended: list[str], interface: str | None
 ) -> Iterator[candump.Chunk]:  # fmt: skip
-    """Yield frames that python-can reads, in batches.
-
-    A damaged file ends early. `ended` gets the reason of an early end.
-    """
+    """Yield frames that python-can reads, in batches."""
     from hil.can.adapter import identifier_of  # noqa: PLC0415 - python-can is slow to load
 
     messages, channel = _messages(path, ended), interface

@@ -25,14 +25,7 @@ _DONE_SEGMENT_UP, _DONE_SEGMENT_DOWN, _DONE_UP, _DONE_DOWN = range(4)
 
 @dataclass(frozen=True)
 class OverheardValue:
-    """One transfer that succeeded.
-
-    Attributes:
-        stamp_ns: Stamp of the answer.
-        address: Index and sub-index.
-        data: Content that was written or read.
-        is_write: True if it was written.
-    """
+    """One transfer that succeeded."""
 
     stamp_ns: int
     node: int
@@ -43,13 +36,7 @@ class OverheardValue:
 
 @dataclass(frozen=True)
 class AbortedTransfer:
-    """One transfer that was aborted.
-
-    Attributes:
-        stamp_ns: Stamp of the abort.
-        address: Index and sub-index.
-        by_server: True if the server aborted it.
-    """
+    """One transfer that was aborted."""
 
     stamp_ns: int
     node: int
@@ -69,10 +56,7 @@ class UnansweredRequest:
 
 @dataclass(frozen=True)
 class OverlappingRequest:
-    """A request during a recent open one on the same channel.
-
-    Two clients send, or one client does not wait.
-    """
+    """A request during a recent open one on the same channel."""
 
     stamp_ns: int
     node: int

@@ -3,6 +3,7 @@
 All process data lie in the records of `cyclic.h`, which are packed and unpacked there.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import Any
@@ -18,7 +19,6 @@ from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CyclicMode
 from hil.master.drive.pdo import PdoSet
-from hil.master.joint_encoder import JointEncoder
 from hil.master.lateness import CycleSchedule
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock
@@ -59,21 +59,14 @@ class Slot:
 
     Args:
         axis: The axis, whose units are known.
-        records: The records of all axes.
-        row: Index of its own.
         mode: Mode in which the drive takes its set-points.
 
     Attributes:
-        data: Its record.
-        control_word: Control word for the next cycle.
         target: Set-point for the next cycle: counts (CSP) or per mille of the rated torque (CST).
         torque_offset: Torque offset for the next cycle, if the exchange has it: per mille of the rated torque.
-        status_word: Last status word.
-        position_counts: Last position, in counts.
         torque_per_mille: Last torque, in per mille of the rated torque.
         notch_hz: Zero frequency of the first filter, 0 while it is out.
         missing: Cycles in a row without an answer.
-        command_id: Identifier of its RPDO.
         feedback_id: Identifier of the TPDO that brings status word, position and torque.
         notch_id: Identifier of the TPDO that brings the filter's state; 0 if the drive does not send it.
     """
@@ -112,6 +105,36 @@ class Slot:
         return float(self.data.torque_per_mille * self.data.nm_per_mille)
 
 
+class JointEncoder:
+    """Last position of a drive's second encoder, on the joint, from its own TPDO.
+
+    Attributes:
+        can_id: Identifier of its TPDO; 0 before it is mapped.
+    """
+
+    def __init__(self, axis: DriveAxis, records: Any, row: int) -> None:
+        encoder = axis.table.load_encoder
+        self.axis = axis
+        self.can_id = 0
+        self._records, self.data = records, records[row]  # a record does not keep its array
+        self.data.rad_per_count = math.nan if encoder is None else encoder.rad_per_count
+
+    def configure(self, pdos: PdoSet, *, with_notch_state: bool) -> None:
+        """Map the encoder's position into its TPDO; the drive is pre-operational."""
+        number = mapping.load_tpdo(self.axis.profile, with_notch_state=with_notch_state)
+        self.can_id = pdos.tpdo(number, mapping.load_position(self.axis.table, self.axis.profile))
+
+    @property
+    def has_answered(self) -> bool:
+        """True if the last cycle brought it."""
+        return bool(self.data.has_answered)
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the joint in the last cycle; NaN without an answer."""
+        return float(self.data.counts * self.data.rad_per_count) if self.data.has_answered else math.nan
+
+
 class CyclicExchange:
     """Exchange of a run with its nodes: all PDOs of a cycle.
 
@@ -120,12 +143,7 @@ class CyclicExchange:
         slots: Process data, one slot per axis that takes part, in their order.
         encoders: Second encoders of the axes that take part, in their order, then those of watched axes.
         watched: Axes that do not move, and whose second encoders are recorded.
-        sensor: The accelerometer.
-        with_torque_offset: True if a torque offset is sent beside each position set-point.
-        with_notch_state: True if the drives send the state of their first filter.
-        missing_answers: Answers that did not come in the last cycle.
         sensor_missed: Cycles without a measurement of the tip, by the accelerometer or by all encoders of the joints.
-        missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
@@ -155,13 +173,8 @@ class CyclicExchange:
         """Prepare a run; `configure` writes it to the nodes.
 
         Args:
-            network: The bus.
-            axes: The axes that take part.
-            sensor: The accelerometer.
-            period_s: SYNC period.
             loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
-            with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do: braked, they swing on their gears.
             clock: The master's clock; the monotonic clock unless it is given.
             max_lateness_s: Largest lateness at which a cycle is still sent in wall-clock time; half the period unless given.
@@ -276,10 +289,7 @@ class CyclicExchange:
         return [Frame(can_id, message[content]) for can_id, content in self._contents]
 
     def restore(self, nodes: set[int]) -> list[str]:
-        """Restore the former PDOs of the sensor and of these nodes.
-
-        Return the refusals in words.
-        """
+        """Restore the former PDOs of the sensor and of these nodes."""
         refused = self.sensor.restore()
         while self._sets:
             pdos = self._sets.pop()
@@ -450,7 +460,6 @@ class CyclicExchange:
         return True
 
     def _count(self) -> None:
-        """Count a cycle with its answers."""
         if self.data.tip == TIP_ELSEWHERE:
             sample = self.sensor.sample(self._sync_s)
             self.data.tip_has_come = sample is not None

@@ -30,10 +30,7 @@ class AxisGuard:
     """Limits of one axis for the core's checks, and the words of what they find.
 
     Args:
-        number: Axis number.
-        table: Table with the limits of the axis.
         missing_limit: Missing answers in a row that stop a run.
-        period_s: SYNC period.
         data: Its record, all zero; None: one of its own.
     """
 
@@ -61,11 +58,6 @@ class AxisGuard:
 
         Args:
             found: Its result, which is not `IN_ORDER`; the other values are those that it was given.
-            status_word: Status word received in this cycle.
-            position_rad: Motor angle received in this cycle.
-            reference_rad: Wanted motor angle.
-            torque_nm: Motor torque received in this cycle.
-            missing: Cycles in a row without an answer.
         """
         name, limits, turn = f"axis {self.number}", self.table.limits, 2.0 * math.pi
         if found == CORE.call.SILENT:
@@ -91,11 +83,8 @@ def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: floa
     It is late three periods after the last one, or after supervision began.
 
     Args:
-        node: Node-ID of the node.
         last_s: Time of its last heartbeat; None before the first.
-        now_s: Present time.
         since_s: Time at which supervision began.
-        heartbeat_s: Period of its heartbeat.
     """
     reference = since_s if last_s is None else max(last_s, since_s)
     silence = now_s - reference

@@ -75,7 +75,6 @@ class CycleSchedule:
         late: Number of SYNCs that left beyond the limit, although they were in time at the last check.
         overdue: Number of cycles in a row, up to now, that were not sent.
         is_stopping: True while a command to stop is sent, which is never too late.
-        bits: Bits of all frames that were counted.
     """
 
     clock: Clock
@@ -178,11 +177,7 @@ class Percentiles:
     """Percentiles of a histogram in s, and its bars.
 
     Attributes:
-        count: Number of values.
         p50_s: 50 % of the values are not above it; None without values.
-        p99_s: 99 %.
-        p999_s: 99.9 %.
-        max_s: Largest value.
         histogram: Upper edge in s (None beyond the last) and number of each bar.
     """
 
@@ -210,7 +205,6 @@ class WallClockTiming:
     """Timing of a run on the wall clock, over all cycles.
 
     Attributes:
-        period_s: SYNC period.
         limit_s: Lateness beyond which a cycle is not sent.
         cycles: Number of cycles, the dropped ones included.
         dropped: Cycles whose set-points and SYNC were not sent, since it was too late for them.

@@ -4,15 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hil.control.arrays import Real
 from hil.control.notch import FixedFilter, Notch
 from hil.errors import SafetyStopError
 from hil.master.lateness import WallClockTiming
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
 
 FilterUse = Literal["none", "notch"]
 """The filters of the bench file that act in a run: none of them, or all."""
@@ -55,13 +51,8 @@ class RunResult:
 
     Attributes:
         recording: Data that the master received; shorter than the motion if the run was stopped.
-        cycles: Number of SYNCs in the motion.
-        missed_cycles: Cycles of the motion in which an answer did not come.
         sensor_missed: Cycles of the motion without the tip: accelerometer, or all encoders of the joints.
         wall_s: Duration of the whole run, set-up, settling, return and restoration included.
-        motion_s: Duration of the motion in the bench's time.
-        control_period_s: Sampling time of the loop.
-        stopped: Reason why the run was stopped, or None.
         dropped_cycles: Cycles of the motion whose set-points were not sent in time: none in lock-step.
         timing: Lateness of the cycles of the whole run; None in lock-step, where time waits for the master.
         bus_errors: Errors on the bus that the controller reported, in words, with their number.

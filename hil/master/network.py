@@ -37,10 +37,7 @@ class Emergency:
 
 
 class _Line:
-    """SDO frames of one node.
-
-    While it waits for an answer, it reads the channel in the caller's thread.
-    """
+    """SDO frames of one node."""
 
     def __init__(self, network: "Network") -> None:
         self._network = network
@@ -232,11 +229,6 @@ class Network:
         """Download an object, once: a write is never repeated blindly.
 
         Args:
-            node: Node-ID of the node.
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            data: New content.
-            name: Name of the object, for messages.
             value: New value for messages, instead of the bytes.
 
         Raises:

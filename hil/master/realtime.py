@@ -50,8 +50,6 @@ class Measure:
     """One request and its outcome.
 
     Attributes:
-        name: Subject of the request.
-        is_granted: True if the system has granted it.
         detail: Present setting; after a refusal the reason and the remedy.
     """
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from drive_profiles.standard.units import interpolation_period
 from hil.bench.bench import AxisTable, Limits
+from hil.control.arrays import Real
 from hil.control.notch import FixedFilter, Notch
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
@@ -17,7 +18,7 @@ from hil.design.frequency import margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CSP, mode_of
-from hil.master.motion import FilterUse, Motion, Real
+from hil.master.motion import FilterUse, Motion
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.whereabouts import way_out
 
@@ -106,10 +107,6 @@ def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notc
     By its model; a loop without a model is accepted.
 
     Args:
-        number: Number of the axis.
-        table: Table of the axis in the bench file.
-        period_s: SYNC period.
-        with_notch: True if the variable filters act.
         held: A filter that acts at every speed.
 
     Raises:
@@ -138,8 +135,6 @@ def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAccelera
 
     Args:
         table: Table of the axis in the bench file; without plant and motor inertia, the torque is not checked.
-        axis: Axis number.
-        trajectory: Trajectory of the motor.
 
     Raises:
         UnsafeRequestError: It would be larger.
@@ -166,10 +161,7 @@ def check_set_points(axis: int, limits: Limits, angle_rad: Real, period_s: float
     """Refuse set-points that accelerate an axis from rest beyond its limit.
 
     Args:
-        axis: Axis number.
-        limits: Its limits.
         angle_rad: Set-points; shape (n,).
-        period_s: SYNC period.
 
     Raises:
         UnsafeRequestError: They do.
@@ -190,8 +182,7 @@ def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> 
     holds as well: what drives do beside their set-points is watched while they move.
 
     Args:
-        motion: The motion.
-        axes: The axes, in the order of its columns.
+        axes: The axes, in the order of the motion's columns.
         starts: Start of each axis, in rad at the motor.
 
     Raises:

@@ -3,7 +3,7 @@
 import contextlib
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from drive_profiles.standard.cia402 import State, control_word_towards, state_of
 from hil.bench.bench import Bench
 from hil.can.errors import ChannelError
+from hil.control.arrays import Real
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
 from hil.core.library import CORE
@@ -23,11 +24,10 @@ from hil.master.drive.axis import DriveAxis
 from hil.master.guard import GUARD, AxisGuard
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
-from hil.master.run_table import RunTable
 from hil.master.set_point_adder import CompiledAdder, Sensed, SensingAdder, SetPointAdder, SteppedAdder
 from hil.master.supervision import Supervisor
 from hil.master.whereabouts import LastPositions, Whereabouts, stop_text
-from hil.recording import Real, Recording
+from hil.recording import Recording
 
 ENABLE_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 2.0
@@ -42,28 +42,76 @@ The next cycles make up for the rest. A SYNC that waits for another frame delays
 millisecond, and the addition then has a step.
 """
 
+_COMMON: int = CORE.call.COMMON_COLUMNS
+_PER_AXIS: int = CORE.call.AXIS_COLUMNS
+_AXIS_COLUMNS = ("reference_rad", "position_rad", "torque_nm", "notch_hz")
+_TIP_COLUMNS = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2", "missing")
 _end_cycle = CORE.call.end_cycle
 _NOT_ENDED: int = CORE.call.NOT_ENDED
 PROGRESS_ROWS = 256
 """Rows of the motion between two reports of its progress."""
 
 
+class RunTable:
+    """Recorded rows of a motion, one per SYNC.
+
+    Time, tip, missing answers, four values of each axis, and the angle of each joint's encoder: see `run.h`.
+
+    Args:
+        time_s: Time of each row of the whole motion; shape (n,).
+        encoders: Number of second encoders.
+
+    Attributes:
+        rows: Number of rows so far.
+        room: Number of rows of the whole motion.
+        values: All rows; the core fills them.
+    """
+
+    def __init__(self, time_s: Real, axes: int, encoders: int = 0) -> None:
+        self.rows, self.room = 0, len(time_s)
+        # written once, so that its pages are there before the motion needs them
+        self.values = np.full((self.room, _COMMON + _PER_AXIS * axes + encoders), 0.0)
+        self.values[:, 0] = time_s
+
+    def recording(self, axes: Sequence[int], *, with_notch: bool, encoders: Sequence[int] = ()) -> Recording:
+        """The rows that are kept, as columns.
+
+        Args:
+            with_notch: True if the drives send notch frequencies; else these have no columns.
+            encoders: Numbers of the axes whose second encoders were kept.
+        """
+        table = self.values[: self.rows]
+        columns, behind = {"time_s": table[:, 0]}, _COMMON + _PER_AXIS * len(axes)
+        loads = {number: going_on(table[:, behind + i]) for i, number in enumerate(encoders)}
+        for i, number in enumerate(axes):
+            for j, name in enumerate(_AXIS_COLUMNS):
+                if with_notch or name != "notch_hz":
+                    columns[f"axis{number}_{name}"] = table[:, _COMMON + _PER_AXIS * i + j]
+            if number in loads:
+                columns[f"axis{number}_load_rad"] = loads.pop(number)
+        columns |= {f"axis{number}_load_rad": angles for number, angles in loads.items()}
+        for j, name in enumerate(_TIP_COLUMNS):
+            columns[name] = table[:, 1 + j]
+        return Recording(columns)
+
+
+def going_on(angles_rad: Real) -> Real:
+    """Unwrap the angles of a single-turn encoder; NaN remains; shape (n,)."""
+    result, known = np.array(angles_rad), np.isfinite(angles_rad)
+    result[known] = np.unwrap(result[known])
+    return result
+
+
 class Run:
     """One run while it lasts: the cycles from enabling to disabled.
 
     Attributes:
-        motion: The motion.
-        axes: The axes, in the order of its columns.
+        axes: The axes, in the order of the motion's columns.
         exchange: PDOs of the axes and the sensor.
         bench: Bench file, for waiting times and counts of missing answers.
         supervisor: Supervisor that sends the heartbeat, and knows the reasons to stop that no PDO contains.
-        starts: Start of each axis, in rad at the motor.
         bank: The loops that the host closes; None if the drives close them.
         adder: Additions to the set-points of a drive-closed run.
-        progress: Called with the fraction of the motion that is done.
-        table: Rows that are recorded.
-        missed: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without a measurement of the tip.
         dropped: Cycles of the motion whose set-points were not sent in time.
     """
 
@@ -204,10 +252,7 @@ class Run:
         return DISABLE_VOLTAGE if word is None else word
 
     def _take_over(self) -> None:
-        """Hold each enabled axis at its start, host-closed.
-
-        Others are still being enabled.
-        """
+        """Hold each enabled axis at its start, host-closed."""
         if self.bank is None:
             return
         for i, slot in enumerate(self.exchange.slots):
@@ -350,10 +395,7 @@ class Run:
         return found
 
     def _own_fault(self) -> str | None:
-        """Return the reason to stop that lies in the master.
-
-        It comes first, since a late master may not have read its answers yet.
-        """
+        """Return the reason to stop that lies in the master."""
         overdue, limit = self.exchange.schedule.missing_now(), self.bench.bus.missing_limit
         if overdue <= limit:
             return None
@@ -406,10 +448,7 @@ class Run:
         return False
 
     def stop(self, reason: str) -> SafetyStopError:
-        """Quick-stop all axes, and wait until they are disabled.
-
-        An error meanwhile does not end the stopping.
-        """
+        """Quick-stop all axes, and wait until they are disabled."""
         disabled = False
         for word in (QUICK_STOP, DISABLE_VOLTAGE):
             with contextlib.suppress(Exception):
@@ -428,10 +467,7 @@ class Run:
         return found
 
     def _where(self) -> str:
-        """Return the positions of the axes in words, with the remedy.
-
-        From the last answers, or by SDO if they are missing.
-        """
+        """Return the positions of the axes in words, with the remedy."""
         found = self._whereabouts()
         for i, slot in enumerate(self.exchange.slots):
             if found[i].stands_rev is None:

@@ -77,11 +77,8 @@ class NodeSetup:
     def set_up(self, supervisor: Supervisor, *, with_notch: bool) -> None:
         """Write limits, gains, filters, PDOs and supervision; start the nodes.
 
-        Each object is read back.
-
         Args:
             supervisor: Supervisor that sends the first heartbeat and watches the drives from then on.
-            with_notch: True if the drives' filters act.
 
         Raises:
             HilError: A node refuses, is silent, or does not hold a written value.
@@ -129,10 +126,7 @@ class NodeSetup:
         return [*(axis.node for axis in (*axes, *self._exchange.watched)), *self._exchange.sensor.nodes]
 
     def _is_disabled(self, axis: DriveAxis) -> bool:
-        """True if a drive confirms by SDO that it is disabled.
-
-        If it does not, the command is sent once more.
-        """
+        """True if a drive confirms by SDO that it is disabled."""
         for attempt in range(2):
             try:
                 if attempt:
@@ -159,10 +153,7 @@ class Session:
     At its end it restores the handlers of Ctrl-C.
 
     Args:
-        bench: The bench file.
         channel: The bus; the session does not close it.
-        log: Log of every frame.
-        progress: Called with the fraction of the present motion that is done.
         clock: Clock of runs in wall-clock time; the monotonic clock unless it is given.
 
     Attributes:
@@ -210,10 +201,7 @@ class Session:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Context in which Ctrl-C and SIGTERM end a motion by a ramp.
-
-        They do not end the program then.
-        """
+        """Context in which Ctrl-C and SIGTERM end a motion by a ramp."""
         handlers = {}
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -242,7 +230,6 @@ class Session:
         """Find every node, check identity and standstill; write and enable nothing.
 
         Args:
-            reset_faults: Reset drives that are in fault before anything else.
             moving: Axes that will move; missing objects of the others do not matter. None: all axes.
             in_fault: Number of an axis whose drive may be in fault; None for none.
 
@@ -317,8 +304,6 @@ class Session:
     def adopt(self, bench: Bench) -> None:
         """Take the tables of the same axes from another bench file.
 
-        Gains, filters, limits and everything else count for the next runs.
-
         Raises:
             ValueError: The bench file has other axes, nodes or drives.
         """
@@ -344,12 +329,8 @@ class Session:
     ) -> RunResult:
         """Make one run, with set-up before and restoration after it.
 
-        Set up, enable, settle, move and record, return, disable, restore.
-
         Args:
-            motion: Motion of the axes.
             filters: Filters that act: the drives' or, host-closed, the host's; or none.
-            loop: Place of the loop, drive or host.
             adder: Additions to the set-points of a drive-closed run.
             fixed: Fixed filters by axis, instead of the variable ones; host-closed only.
             shows_filter: Let the drives send the state of their first filter in a second TPDO; without it the recording has no
@@ -441,11 +422,6 @@ class Session:
         """Prepare the exchange with these axes and the sensor; nothing is sent.
 
         Args:
-            axes: The axes that take part.
-            period_s: SYNC period.
-            loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
-            with_notch_state: Let the drives send the state of their first filter in a second TPDO.
-            with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.
         """
         return CyclicExchange(
@@ -468,9 +444,6 @@ class Session:
 
         Args:
             context: Context that restores all of it; failures are noted in `not_restored`.
-            axes: The axes that take part.
-            exchange: PDOs of the axes and the sensor.
-            with_notch: True if the drives' filters act.
 
         Returns:
             The real-time context; None in lock-step, where time waits for the master.

@@ -7,8 +7,6 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 class SetPointAdder(Protocol):
     """Addition to every axis' set-point, in drive-closed runs.
 
-    It is a `SteppedAdder` or a `CompiledAdder`.
-
     Attributes:
         uses_torque: True if torque offsets (60B2h) are needed.
     """

@@ -14,8 +14,6 @@ from hil.master.network import Network
 class Supervisor:
     """Heartbeat of the master, and reasons to stop.
 
-    The master sends its heartbeat with the cycles, so that it stops with them.
-
     Attributes:
         bus: The same table; a new one counts from the next `begin` on.
         interrupted_by: The signal that asked for an end, or None.
@@ -70,10 +68,7 @@ class Supervisor:
         return self._lost_heartbeat() or self.interrupted_by
 
     def _lost_heartbeat(self) -> str | None:
-        """Return the node without heartbeat for too long, in words.
-
-        If there is none, the next check is postponed.
-        """
+        """Return the node without heartbeat for too long, in words."""
         heartbeats, now, period, since = self.network.heartbeats, self.network.now(), self.bus.heartbeat_s, self._since_s
         heard = {node: heartbeats[node][0] if node in heartbeats else None for node in self._nodes}
         for node, last in heard.items():

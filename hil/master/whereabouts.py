@@ -29,17 +29,7 @@ def move_command(axis: int, to_rev: float) -> str:
 
 
 def way_out(axis: int, stands_rev: float, limits: "Limits", low_rev: float, high_rev: float) -> str:
-    """Return an axis' position, and the command to a better one.
-
-    From there the motion remains within the position limits.
-
-    Args:
-        axis: Number of the axis.
-        stands_rev: Position of its motor.
-        limits: Its limits.
-        low_rev: Lowest position of the motion, counted from its start.
-        high_rev: Highest position of the motion, counted from its start.
-    """
+    """Return an axis' position, and the command to a better one."""
     lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
     here = f"it is at {rev_text(stands_rev)} rev"
     if lowest > highest:
@@ -102,8 +92,6 @@ class LastPositions:
 
     Attributes:
         words: Each axis with its position, in words; empty before the first session.
-        have_moved: True if a motion was begun.
-        are_disabled: True if every drive has confirmed that it is disabled.
     """
 
     words: ClassVar[tuple[str, ...]] = ()

@@ -16,12 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.passport.conditions import Design, no_design
 from hil.passport.regression import FEWEST_BEFORE, expected
-
-Real = NDArray[np.float64]
 
 REFERENCE = 0.5
 """k of the cumulative sums: half of the change in standard deviations that is found quickest."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
+
 Rows = NDArray[np.int64]
 
 WARMTH = 0.01
@@ -32,9 +33,6 @@ class RunCondition:
     """Conditions of a run; None if one is not known.
 
     Attributes:
-        temperature_c: Temperature.
-        load_kg: Load.
-        top_rps: Highest motor speed.
         direction: +1 forwards, −1 backwards, 0 both together.
         joint_deg: Middle of the joint's way.
         is_torque: True if it was read from the motor's torque, which a wrong inertia biases.
@@ -65,10 +63,7 @@ class Design:
     names: tuple[str, ...]
 
     def effects(self, by_column: Real) -> dict[str, Real]:
-        """Parts that each condition has added to each run; shape (n,).
-
-        Effects by column have the shape (p,).
-        """
+        """Parts that each condition has added to each run; shape (n,)."""
         made: dict[str, Real] = {}
         for j, name in enumerate(self.names):
             made[name] = made.get(name, np.zeros(len(self.columns))) + by_column[j] * self.columns[:, j]

@@ -45,10 +45,7 @@ def sides_of_passes(agreement: Sequence[Agreement]) -> tuple[OrderSides, ...]:
 
 
 def sides_of_stretches(stretches: Sequence[RecordedStretch]) -> tuple[OrderSides, ...]:
-    """Return the orders of recordings in either direction.
-
-    From stretches in both directions; the error includes the scatter of stretches in one direction.
-    """
+    """Return the orders of recordings in either direction."""
     values: dict[float, dict[int, list[OrderEntry]]] = {}
     for stretch in stretches:
         for entry in stretch.values:
@@ -67,10 +64,7 @@ def sides_of_stretches(stretches: Sequence[RecordedStretch]) -> tuple[OrderSides
 
 
 def _mean(entries: Sequence[OrderEntry]) -> tuple[complex, float]:
-    """Return the mean of A e^{jφ} and its standard error.
-
-    The error is that of its real or imaginary part.
-    """
+    """Return the mean of A e^{jφ} and its standard error."""
     points = np.array([each.a_arcsec * cmath.exp(1j * math.radians(each.phi_deg)) for each in entries])
     own = float(np.mean([each.a_error_arcsec**2 for each in entries]))
     scatter = float(np.var(points, ddof=1)) / 2.0 if len(points) > 1 else 0.0
@@ -210,9 +204,6 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
     """Return a run of the passport.
 
     Its hash is that of the measurement, whatever the file.
-
-    Raises:
-        ValueError: It is too large for a passport, or its date cannot be.
     """
     content = json.dumps([robot, axis, part.model_dump(mode="json", exclude={"emulated"})], sort_keys=True)
     phases, errors = part.values.phases_deg(), part.standard_error
@@ -240,10 +231,7 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
 
 
 def _with_conditions(run: PassportRun, note: str) -> PassportRun:
-    """Return the run with the conditions from its note.
-
-    The other note replaces missing ones.
-    """
+    """Return the run with the conditions from its note."""
     texts = (run.note, note)
     temperature, load, way = (
         next((found for text in texts if (found := pattern.search(text))), None) for pattern in (_TEMPERATURE, _LOAD, _DIRECTION)

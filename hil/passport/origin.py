@@ -70,10 +70,7 @@ class Conditions:
     """An amplitude of an order with its conditions.
 
     Attributes:
-        a_arcsec: Amplitude.
-        load_kg: Load; None if it is not known.
         direction: Direction of the motor; None for both.
-        seen_by: Signal from which it was identified.
         over_largest: Its fraction of the run's largest amplitude.
     """
 
@@ -88,10 +85,7 @@ class Conditions:
 def origin_of_order(
     order: float, motor: Motor, found: Sequence[Conditions], sides: Sequence[OrderSides] = ()
 ) -> tuple[OriginName, str]:
-    """Origin of an order, and the reason for it.
-
-    `sides` are of runs that were read from the motor's torque.
-    """
+    """Origin of an order, and the reason for it."""
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []
     significant = [each for each in found if each.a_arcsec >= SIGNIFICANT_SIGMAS * each.error_arcsec]

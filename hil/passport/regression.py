@@ -23,11 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.passport.conditions import Design
-
-Real = NDArray[np.float64]
 
 FEWEST_BEFORE = 5
 """Runs before one that is watched: with fewer nobody knows their scatter."""

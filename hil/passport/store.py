@@ -63,11 +63,7 @@ class OrderLine:
     """One order of a run.
 
     Attributes:
-        order: Order k.
-        a_arcsec: Amplitude A_k.
         a_error_arcsec: Its standard error; 0 if it is not known.
-        phi_deg: Phase φ_k.
-        phi_error_deg: Its standard error, likewise.
     """
 
     order: float
@@ -82,9 +78,7 @@ class OrderSides:
     """One order of a run, in either direction alone.
 
     Attributes:
-        a_forward_arcsec: Amplitude in the motion forwards.
-        a_backward_arcsec: Amplitude in the motion backwards.
-        a_sigmas: Their difference over its standard error, not below 0.
+        a_sigmas: Difference of both amplitudes over its standard error, not below 0.
         phi_turn_deg: Phase forwards less the phase backwards, −180° … 180°.
         phi_sigmas: Its size over its standard error.
     """
@@ -102,21 +96,12 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        robot: Name of the bench.
-        measured_utc: Date of the measurement, ISO 8601.
-        learnt_by: Source of the values, as in the model file.
         temperature_c: Temperature in the note.
         load_kg: Load in the note.
         direction: `forward` or `backward`; None for both together.
-        top_rps: Highest motor speed.
         joint_low_deg: Lower end of the joint's way; None if it is not known.
-        joint_high_deg: Its upper end.
         pole_pairs: Pole pairs of the motor, from the bench file.
-        slots: Its slots.
         seen_by: `motion` if the motor's own motion was measured and removed, `torque` for its torque.
-        emulated: True if it was measured on an emulated robot.
-        source: Path from which it was read.
-        lines: Orders.
         sides: Orders in either direction alone, those too that are not lines.
     """
 
@@ -146,11 +131,7 @@ _RUN_COLUMNS = tuple(each.name for each in fields(PassportRun) if each.name not 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """The file, with its tables; made if it is missing.
-
-    Raises:
-        PassportFileError: It is not a passport, another program's, damaged, in use, or cannot be written.
-    """
+    """The file, with its tables; made if it is missing."""
     try:
         with closing(sqlite3.connect(path, timeout=PATIENCE_S, isolation_level=None)) as connection:
             connection.row_factory = sqlite3.Row
@@ -218,10 +199,7 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
 
 
 def _put(connection: sqlite3.Connection, run: PassportRun) -> None:
-    """Add one run.
-
-    Of a known run, only add what an older version did not keep.
-    """
+    """Add one run."""
     row = {"hash": run.content, **{name: getattr(run, name) for name in _RUN_COLUMNS}}
     row["emulated"] = None if run.emulated is None else int(run.emulated)
     names = ", ".join(row)

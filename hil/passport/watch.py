@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.bench.model import SIGNIFICANT_SIGMAS
-from hil.passport.alarm import AlarmLimits, Real, Watched, unwound_deg, watched
+from hil.control.arrays import Real
+from hil.passport.alarm import AlarmLimits, Watched, unwound_deg, watched
 from hil.passport.conditions import RunCondition, design_of
 from hil.passport.origin import Conditions, Motor, OriginName, origin_of_order
 from hil.passport.regression import FEWEST_BEFORE
@@ -25,9 +26,7 @@ class Trend:
     """One order of one gear over its dates.
 
     Attributes:
-        robot: Name of the bench.
         values: Amplitudes in arcsec, or phases in degrees, unwound.
-        errors: Their standard errors.
     """
 
     robot: str

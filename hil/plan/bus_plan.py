@@ -31,9 +31,7 @@ class CyclicFrame:
     """One frame of a cycle.
 
     Attributes:
-        name: Name for people.
         kind: Kind of frame: commands and SYNC come from the master, all others from the nodes once they have seen SYNC.
-        can_id: Identifier, 11 bits.
         contents: Ranges of its objects, in order.
         axis: Number of its axis; None: of no axis, or of several.
     """
@@ -96,10 +94,7 @@ class Background:
     heartbeat_s: float = 0.1
 
     def messages(self, wire: WireTiming, *, is_busy: bool) -> list[Message]:
-        """Return the messages beside the cycle for the analysis.
-
-        Heartbeats alone, or with emergencies and SDO as well.
-        """
+        """Return the messages beside the cycle for the analysis."""
 
         def message(name: str, can_id: int, length: int, per_s: float) -> Message:
             period = round(1e9 / per_s)
@@ -145,8 +140,6 @@ class Cycle:
 
     Attributes:
         frames: Frames in the order in which they are queued: commands, SYNC, answers.
-        period_s: SYNC period.
-        background: Other frames on the bus.
     """
 
     frames: tuple[CyclicFrame, ...]

@@ -41,10 +41,6 @@ class AxisStability:
         delay_samples: Whole periods from sampling to torque.
         speed_rps: Motor speed at which it is worst; 0 is without notch.
         sensitivity_peak: M_s at that speed.
-        gain_margin_db: Gain margin at that speed.
-        phase_margin_deg: Phase margin at that speed.
-        pole_radius: Largest |z| at that speed.
-        reason: Reason for an unknown stability.
     """
 
     axis: int
@@ -66,8 +62,6 @@ class PlanVerdict:
     Attributes:
         fits: True if every answer comes before the next SYNC, whatever the contents; None without a bit rate.
         is_stable: True if no loop is unstable or at the edge; None if no loop is known.
-        sentence: The whole verdict in one sentence.
-        cycle: Frames on the bus.
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None if the bus cannot carry it at all.
         gaps: Sentences on entries that profiles or bench file lack, and on ramps beyond limits.
@@ -233,10 +227,7 @@ def _axis_stability(
 
 
 def worst_margins(number: int, model: Loop) -> AxisStability:
-    """Return a loop's stability at the worst of its speeds.
-
-    Without notch, and at five speeds of each notch.
-    """
+    """Return a loop's stability at the worst of its speeds."""
     speeds = [0.0, *(speed for n in model.notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist())]
     margins_by_speed = [(margins(model, speed, MARGIN_POINTS), speed) for speed in speeds]
     least, speed = max(margins_by_speed, key=lambda pair: (max(pair[0].pole_radius, 1.0), pair[0].sensitivity_peak))
@@ -300,10 +291,7 @@ def check(
 
 
 def _motion_gaps(bench: Bench, axes: tuple[int, ...]) -> list[str]:
-    """Return sentences on ramps that an axis may not make.
-
-    Ramps of the bench file; the run itself plans its line.
-    """
+    """Return sentences on ramps that an axis may not make."""
     found = []
     for number in axes:
         for table in (bench.constant_acceleration, bench.point_to_point):

@@ -12,7 +12,6 @@ class Message:
     """A frame that is sent periodically, or at most so often.
 
     Attributes:
-        name: Name for people.
         priority: Identifier of the frame: the smaller one wins the bus.
         length_ns: C, the longest time on the wire, intermission included.
         period_ns: T, the shortest time between two instances.

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import RecordingFileError
 from hil.recordings.source import MOST_ROWS
-
-Real = NDArray[np.float64]
 
 DELIMITERS = ",;\t"
 MAX_HEADER = 1 << 20

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.eds.description import Description, load
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK
+from hil.control.arrays import Real
 from hil.errors import LogError, MissingPackageError, RecordingFileError
 from hil.logs.log import Log, Stream
 from hil.logs.nodes import MappedNumber, described_node
 from hil.logs.opening import open_log
 from hil.recordings.source import MOST_ROWS, at_stamps
-
-Real = NDArray[np.float64]
 
 STAMPS = "time_s"
 """Name under which the frames' own time is offered."""
@@ -45,10 +43,7 @@ class FrameSignal:
 
 
 class FrameFile:
-    """A log of frames, whose signals have stamps of their own.
-
-    All are interpolated at the stamps of the first requested one.
-    """
+    """A log of frames, whose signals have stamps of their own."""
 
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.

@@ -38,9 +38,6 @@ class Said:
 
     Attributes:
         column: Names of columns by their role.
-        unit: Units by the role.
-        reduction_ratio: Reduction ratio; None if it is not known.
-        robot: Name of the robot; None likewise.
         description: What decodes frames of a bus; None for other formats.
         node_id: Node-ID of the drive that has sent them.
     """
@@ -58,9 +55,6 @@ class Column:
     """A column of a recording.
 
     Attributes:
-        role: Meaning.
-        name: Name in the file.
-        unit: Unit.
         is_guessed: True if name or unit follows from the known names.
     """
 
@@ -186,10 +180,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
 
 
 def _known(names: Sequence[str], axis: int) -> dict[Role, tuple[str, str]]:
-    """Return names and units of columns with known names.
-
-    By the known layouts, else by unambiguous words and suffixes.
-    """
+    """Return names and units of columns with known names."""
     for _, layout in KNOWN:
         there = {role: (name.replace(AXIS, str(axis)), unit) for role, (name, unit) in layout.items()}
         if there["time"][0] in names and there["motor"][0] in names:

@@ -11,22 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS, at_stamps
-
-Real = NDArray[np.float64]
 
 TIME = "time_s"
 """Name under which the channels' own time is offered."""
 
 
 class MdfFile:
-    """An MF4 file, whose channels have stamps of their own.
-
-    All are interpolated at the stamps of the first requested one.
-    """
+    """An MF4 file, whose channels have stamps of their own."""
 
     def __init__(self, path: Path) -> None:
         """Read the names.

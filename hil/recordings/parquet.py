@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import MissingPackageError, RecordingFileError
 from hil.recordings.source import MOST_ROWS
-
-Real = NDArray[np.float64]
 
 
 class ParquetFile:

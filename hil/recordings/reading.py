@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import RecordingFileError
 from hil.recordings.layout import Column, Said, choose_columns
 from hil.recordings.source import Source, complete_rows
 from hil.recordings.units import Role
-
-Real = NDArray[np.float64]
 
 GOES_BACK = 20.0
 """Step backwards of the time, in periods, that no jitter makes."""
@@ -23,10 +21,7 @@ class Recorded:
     """One recording of one axis.
 
     Attributes:
-        path: The file.
-        column: Columns by their role.
         value: Numbers by role, in s, rad, m/s² and N·m; all of shape (n,).
-        notes: Sentences on changes to them.
     """
 
     path: Path
@@ -51,10 +46,7 @@ class Recorded:
 
     @property
     def jitter_s(self) -> float:
-        """Range of the steps between time stamps, without outliers.
-
-        From the 1st to the 99th percentile.
-        """
+        """Range of the steps between time stamps, without outliers."""
         low, high = np.percentile(np.diff(self.time_s), (1.0, 99.0))
         return float(high - low)
 
@@ -107,8 +99,6 @@ def _running(path: Path, column: Column, stamps: Real) -> Real:
 
 def open_source(path: Path, description: Path | None = None, node_id: int | None = None) -> Source:
     """A recording, by the suffix of its name.
-
-    The description (EDS, DCF, XDD or DBC file) decodes frames of a bus, sent by the drive at `node_id`.
 
     Raises:
         RecordingFileError: The format is not known, or the file cannot be read.

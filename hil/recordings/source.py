@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.errors import RecordingFileError
-
-Real = NDArray[np.float64]
 
 MOST_ROWS = 20_000_000
 LEAST_SAMPLED = 50

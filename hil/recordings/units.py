@@ -31,7 +31,6 @@ class Unit:
     """Unit of a column.
 
     Attributes:
-        text: Spelling.
         factor: SI value of 1.
         per_rev: Numbers in a revolution, after which an angle may begin anew; 0 for other quantities.
     """

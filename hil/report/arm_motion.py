@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 
 from hil.arm.kinematics import Kinematics
 from hil.bench.tip import joint_angles
+from hil.control.arrays import Real, Rows
 from hil.experiments.motions import LINE_MOTION
 from hil.report import style
 from hil.report.material import Material, treatment_name
 from hil.report.plotted_run import PlottedRun, judged_line_s, plotted_run
 from hil.report.projection import View
-from hil.report.style import Real
-from hil.tip_swing import LEAST_SWING_ROWS, Rows
+from hil.tip_swing import LEAST_SWING_ROWS
 from hil.tip_vector import displacement_mm, tip_acceleration
 
 STEPS = (1.0, 2.0, 5.0)

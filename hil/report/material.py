@@ -182,10 +182,7 @@ class Material:
         return "model file" if any(file.role == "model" for file in self.result.files or ()) else "bench file"
 
     def loop(self, axis: int, filters: FilterSet | None = None) -> Loop:
-        """Return the loop of an axis with a model.
-
-        It is closed in the drive, or on the side on which its filters acted.
-        """
+        """Return the loop of an axis with a model."""
         table, period_s, delay = self.bench.axis[axis], self.control_period_s, 0
         if filters is not None:
             table = table.model_copy(update={"notch": filters.notches.get(axis, ())})

@@ -1,7 +1,4 @@
-"""Origin of the numbers on a page: real robot, emulated, or both.
-
-Every page states it.
-"""
+"""Origin of the numbers on a page: real robot, emulated, or both."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -19,7 +16,6 @@ class Origin:
     Attributes:
         word: Word for a number that was not computed: `measured`, `emulated` or `partly emulated`.
         band: Sentence on top of the page; empty for a real robot.
-        is_emulated: True if any part was emulated.
     """
 
     word: str = "measured"

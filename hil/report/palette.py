@@ -66,10 +66,7 @@ VARIABLES = {colour.day: f"var(--{colour.name})" for colour in OF_FIGURES}
 
 
 def css(selector: str, colours: tuple[Colour, ...] = (*OF_FIGURES, *OF_PAGES)) -> str:
-    """Return CSS rules with every colour's values by day and night.
-
-    The value by night applies on screens that ask for dark.
-    """
+    """Return CSS rules with every colour's values by day and night."""
     day, night = (
         " ".join(f"--{colour.name}: {colour.night if is_dark else colour.day};" for colour in colours)
         for is_dark in (False, True)

@@ -15,11 +15,7 @@ CITATION = (
 
 
 class ResonanceColumn(NamedTuple):
-    """A column of Table 1.
-
-    Attributes:
-        f_al_hz: f_al in Hz.
-    """
+    """A column of Table 1."""
 
     f_al_hz: float
     f_m2_rps: float

@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from hil.analysis import band_passed, line_window_s, motor_speed_rps, speed_window
+from hil.control.arrays import Real
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.material import Material, finite, treatment_name
-from hil.report.style import Real
 from hil.results.runs import RunEntry
 from hil.tip_vector import steady_window_s, tip_acceleration
 

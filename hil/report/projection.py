@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.report.style import Real
+from hil.control.arrays import Real
 
 AZIMUTH_RAD, ELEVATION_RAD = math.radians(-60.0), math.radians(24.0)
 """Direction from which the view at an angle is taken: from the front, on the arm's right, and above."""

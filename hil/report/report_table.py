@@ -36,10 +36,7 @@ Columns = Sequence[tuple[str, Callable[[T], Cell]]]
 class ReportTable:
     """One table.
 
-    Cells that are not text begin with a number or a dash and are aligned to the right.
-
     Attributes:
-        header: Column names with units.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
         paper: Corresponding table of the paper; empty for none.

@@ -20,11 +20,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.report import palette, svg
 from hil.report.later_text import LaterText
 from hil.report.zoomable import ZoomFigure, keep_name, keep_whole, zoomable
-
-Real = NDArray[np.float64]
 
 BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE, PAPER, GREY, EDGE, GRID, SHADE = (
     colour.day
@@ -126,10 +125,7 @@ MAX_POINTS = 1500
 
 @cache
 def _load_formulas() -> None:
-    """Load fonts and grammar of formulas before processes fork.
-
-    All copies of this process that draw then have them.
-    """
+    """Load fonts and grammar of formulas before processes fork."""
     MathTextParser("path").parse("$f_{al}$ (1/s²)", 72, FontProperties(family="DejaVu Sans", size=8.5))
 
 
@@ -160,7 +156,6 @@ class Drawing:
     Attributes:
         paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
-        caption: Sentences below the figure.
         picture: The picture, or its SVG element alone.
     """
 
@@ -237,10 +232,7 @@ def date_axis(panel: Axes, dates: NDArray[np.datetime64], room: np.timedelta64, 
 
 
 def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:
-    """Draw the residual of a model, with its rms in the title.
-
-    `x` and `rest` have the shape (n,); `unit` is that of `rest`.
-    """
+    """Draw the residual of a model, with its rms in the title."""
     panel.axhline(0.0, **MARK)
     panel.plot(*thin(x, rest), label=names, **RESIDUAL)
     panel.set_title(f"{names}, rms {np.sqrt(np.mean(rest**2)):#.2g} {unit}")

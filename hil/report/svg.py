@@ -80,10 +80,7 @@ def _variable(colour: str, key: str) -> str:
 
 
 def _words(match: re.Match[str]) -> str:
-    """Return a formula as searchable text in reading order.
-
-    Glyphs of one size and height share an element.
-    """
+    """Return a formula as searchable text in reading order."""
     glyphs = sorted(
         _Glyph(float(x), y, style, text.replace("\N{NO-BREAK SPACE}", " ")) for x, y, style, text in _GLYPH.findall(match[1])
     )

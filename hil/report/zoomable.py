@@ -12,11 +12,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.report import palette
 
-Real = NDArray[np.float64]
 Range = tuple[float, float]
 
 NAMES = {colour.day: colour.name for colour in palette.OF_FIGURES}
@@ -39,9 +38,7 @@ class ZoomCurve:
         name: Its name in the legend; empty for none.
         x: Abscissa; shape (n,).
         y: Ordinate; shape (n,).
-        is_broken: True for a broken line.
         width: Width of the line; 0 for points alone.
-        has_points: True if each sample has a point.
     """
 
     name: str
@@ -103,11 +100,8 @@ class ZoomPanel:
     Attributes:
         names: Names of abscissa and ordinate with their units.
         x: Ends of the abscissa.
-        y: Ends of the ordinate.
-        is_log: True if the abscissa is logarithmic.
         is_square: True if both axes have one scale.
         right: Name of a second scale on the right, and how many of its units make one of the ordinate's; None without one.
-        map: Map of colours; None without one.
     """
 
     title: str
@@ -141,7 +135,6 @@ def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: t
     """Keep the data of a panel's map, evenly in x.
 
     Args:
-        panel: Panel that draws it.
         x: Abscissa of the columns, rising; shape (n,).
         y: Ordinate of the rows, rising evenly; shape (m,), or (n, m) where each column has its own, which are made even.
         values: Values; shape (n, m).

@@ -33,9 +33,6 @@ class CancelledOrder(ResultPart):
     """An order of the transmission error that was cancelled in a run.
 
     Attributes:
-        order: Order k.
-        amplitude_arcsec: A_k, by which it was cancelled.
-        phase_deg: φ_k, likewise.
         held_by: `drive`: the drive cancelled it, and the values are those that it held, read back; `host`: by set-points.
     """
 
@@ -51,7 +48,6 @@ class SourceFile(ResultPart):
 
     Attributes:
         role: Part that it has: bench, model, design or learnt, or a file that the bench file names.
-        sha256: SHA-256 of its content, in hexadecimal digits.
     """
 
     role: FileRole
@@ -72,8 +68,6 @@ class SourceFile(ResultPart):
 
 def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
     """Return the files of a bench: its own, and those it names.
-
-    They are the user's drive profiles, and the arm's URDF file.
 
     Raises:
         OSError: One of them cannot be read.

@@ -13,8 +13,6 @@ class MeasuredDip(ResultPart):
 
     Attributes:
         joints_deg: The posture, from the base on.
-        measured_hz: The dip.
-        standard_error_hz: Its standard error.
         fitted_hz: The nearest dip of the fit.
         bodies_hz: The nearest dip of the bench file's bodies on the same gears; None if it has none.
         way_fraction: Fraction of the line's way to which the posture is near; None if it is near to none.
@@ -33,9 +31,7 @@ class LineDips(ResultPart):
     """Dips that are predicted at a place of the line motion.
 
     Attributes:
-        dips_hz: The dips, from the lowest.
-        standard_error_hz: Their standard errors.
-        bodies_hz: The same by the bench file's bodies on the same gears; empty if it has none.
+        bodies_hz: Dips by the bench file's bodies on the same gears; empty if it has none.
     """
 
     way_fraction: float
@@ -49,10 +45,8 @@ class ArmResult(Result):
 
     Attributes:
         started_utc: Instant of the evaluation, ISO 8601.
-        arm: Entry of the model file.
         line: Dips along the line motion; empty if they are not known.
         next_posture_deg: Joint angles, by axis, of the posture that would improve the fit most.
-        notes: Sentences for the engineer.
     """
 
     kind: Literal["identify-arm"] = "identify-arm"

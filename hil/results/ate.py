@@ -16,8 +16,6 @@ class KnownArm(ResultPart):
 
     Attributes:
         start: Arm from which the fit started; None if it was searched for.
-        resonance_error_hz: Standard error of its resonance; None if it is not known.
-        damping_error: Standard error of its damping ratio, likewise.
     """
 
     source: str
@@ -35,14 +33,8 @@ class AteRun(MadeRun):
     """One pass as it was run.
 
     Attributes:
-        end_rps: Speed at the end of its ramps.
         forward_from_s: Beginning of the ramp forwards, in the recording's time.
         backward_from_s: Beginning of the ramp back, in the recording's time.
-        low_rev: Lower turning point of the motor, absolute.
-        high_rev: Upper turning point of the motor, absolute.
-        sync_period_s: SYNC period.
-        sensor_missed: Cycles that lack the accelerometer.
-        motion_s: Duration of the motion in the bench's time.
         timing: Punctuality of the cycles; None in lock-step.
     """
 
@@ -64,7 +56,6 @@ class AteFit(ResultPart):
 
     Attributes:
         arm_hz: Resonance of the linear arm that comes nearest to the vibration; None in older results: that of the entry.
-        arm_damping: Its damping ratio, likewise.
         carried: Fraction of the vibration's power by order; orders overlap, so that the sum is only nearly the explained one.
     """
 
@@ -87,8 +78,6 @@ class AteFit(ResultPart):
 class AteStandardErrors(ResultPart):
     """Standard errors of the transmission error after a pass.
 
-    From all passes so far.
-
     Attributes:
         standard_error: Standard errors by the names of the model file: `a2_arcsec`, `phi2_deg` ….
     """
@@ -101,15 +90,11 @@ class AteResult(MeasuredResult):
 
     Attributes:
         sensorless: True if motor torque and encoder alone were used.
-        known_before: Arm that was known before the passes.
-        sensing: Signal that was fitted.
         ate: Entry of the model file; None, like all below, where nothing was identified.
         history: Standard errors after each pass.
         is_within_goal: True if the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
             that is not a spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
             The notes list those that are larger than asked.
-        notes: Sentences for the engineer.
-        not_identified: Reason why nothing was identified.
     """
 
     kind: Literal["identify-ate"] = "identify-ate"

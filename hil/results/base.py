@@ -72,11 +72,8 @@ class MadeRun(ResultPart):
     """A run as it was made.
 
     Attributes:
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles that lack an answer.
         wall_s: Duration of the whole run on the wall clock.
         recording: Path of the CSV file, from the result's directory.
-        stopped: Reason why the run was stopped.
     """
 
     cycles: int
@@ -144,8 +141,6 @@ class Result(_Written):
     def write(self, path: Path) -> None:
         """Write the file atomically.
 
-        An existing file is replaced.
-
         Raises:
             OSError: The file cannot be written.
         """
@@ -166,7 +161,6 @@ class MeasuredResult(Result):
     """Base of the results of a measurement on one bench.
 
     Attributes:
-        stopped: Reason why the measurement was stopped.
         causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be restored in the nodes.
@@ -195,10 +189,7 @@ class MeasuredResult(Result):
         self._unknown_keys = tuple(keys)
 
     def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
-        """Note which parts of the bench are emulated.
-
-        A part that did not answer has None.
-        """
+        """Note which parts of the bench are emulated."""
         parts = tuple(name for name, answer in answers.items() if answer)
         is_known = bool(answers) and None not in answers.values()
         self.emulated = True if parts else False if is_known else None

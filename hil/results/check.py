@@ -16,7 +16,6 @@ class CheckEntry(ResultPart):
     """One check of one axis.
 
     Attributes:
-        name: Name of the check.
         seen: Observation in words, or the reason why the check was not made.
         is_made: False for a check that could not be made, because another failed, or the axis could not be moved.
         recording: Recording that shows it, relative to the file; None without one.
@@ -35,7 +34,6 @@ class CheckResult(MeasuredResult):
 
     Attributes:
         axes: Numbers of the axes that were to be checked.
-        checks: All checks, in the order in which they were made.
     """
 
     kind: Literal["check"] = "check"

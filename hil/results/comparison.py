@@ -12,7 +12,6 @@ class ComparisonRequestEntry(ResultPart):
     """Request of a comparison.
 
     Attributes:
-        axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
         named: Treatments that the user has named.
     """
 
@@ -38,9 +37,6 @@ class AxisCompliance(ResultPart):
     """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
 
     Attributes:
-        loop: Side that closes the loop, the drive or the host.
-        slow: Compliance at 1 Hz.
-        peak: Largest compliance from 0.1 to 30 Hz.
         peak_hz: Frequency of the largest compliance.
     """
 
@@ -57,19 +53,14 @@ class ComparisonRow(ResultPart):
 
     Attributes:
         axis: Axis of a constant-acceleration run, else None.
-        loop: Side that closes the loop, the drive or the host.
         tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
         tip_peak_change_pct: Change of the peak against no treatment.
         spectrum_area: Area of the spectrum in the window in which the untreated run is worst, m/s²·Hz.
         spectrum_area_change_pct: Change of the area against no treatment.
-        within_spec: True if the tip keeps the specification.
         trial: End of the trial of a cancellation, or of designed filters.
         compliance: Compliance that the treatment costs; None without a model.
         recording: Path of the CSV file, from the robot's directory.
-        not_judged: Reason why there is no number.
-        left_out: Reason why the run was not made.
         ramp_peak_mm: Largest tip displacement on the whole ramp; None if there is none, or no ramp.
-        shaper: Input shaper that has shaped the motion.
     """
 
     experiment: str
@@ -95,14 +86,9 @@ class ComparisonRobot(ResultPart):
 
     Attributes:
         directory: Directory of its runs, below the comparison's.
-        rows: Row for each experiment and treatment.
-        not_restored: Objects that could not be restored in the nodes.
         versions: Versions by package; None if nothing was run.
-        ended: Reason why it was not run to the end.
         emulated: True if any of its nodes is emulated; None if that is not known.
         emulated_parts: Its parts that are emulated, where others are not.
-        all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
-        line_axes: Axes that move in its line motion.
     """
 
     name: str
@@ -130,8 +116,6 @@ class TourStep(ResultPart):
     """One step of a tour.
 
     Attributes:
-        what: Result of the step in words, or its error.
-        holds: True if the step succeeded.
         link: Path of its report, from the tour's directory; empty for none.
     """
 
@@ -146,9 +130,6 @@ class TourFact(ResultPart):
     """A drawn number of an emulated robot, and the identified one.
 
     Attributes:
-        symbol: Symbol of the quantity.
-        name: Quantity in words.
-        unit: Its unit.
         truth: The robot's number.
         estimate: Number that was identified; None if it was not, or nothing identifies it.
     """
@@ -166,10 +147,8 @@ class TourClaim(ResultPart):
     """A number of a tour, and its required bound.
 
     Attributes:
-        claim: Claim in words.
         is_above: True if the number is to be above the bound, else it is to be at most that.
         found: The number; None if it was not judged.
-        unit: Unit of both.
     """
 
     claim: str
@@ -218,7 +197,6 @@ class TourPart(ResultPart):
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
         facts: True numbers of the robot beside the identified ones.
-        claims: Claims; None for a tour without any.
         notches: Predictions of the designs, by axis; None for a tour without any.
     """
 
@@ -237,8 +215,6 @@ class TreatmentTable(Result):
     """Base of the results that put treatments side by side.
 
     Attributes:
-        started_utc: Instant of the beginning, ISO 8601.
-        robots: Robots in their order; empty if none was run.
         emulated: True if any robot is emulated, even in part; None if that is not known of one, and of none that it is.
     """
 

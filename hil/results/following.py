@@ -7,11 +7,6 @@ class FollowedOrder(ResultPart):
     """An order of an axis over a motion.
 
     Attributes:
-        order: Order k.
-        amplitude_start_arcsec: A_k at the start, as identified.
-        amplitude_end_arcsec: A_k at the end.
-        phase_start_deg: φ_k at the start, as identified.
-        phase_end_deg: φ_k at the end.
         turned_deg: How far φ_k was turned at the end.
         was_taken_back: True if it reached its bounds, and was reset to the identified value.
         time_s: Instants of the track; shape (n,).
@@ -46,8 +41,6 @@ class FollowingPeak(ResultPart):
 
     Attributes:
         order: Order of the window; None for the whole motion.
-        alone_mm: Peak with the cancellation alone.
-        error_mm: Standard error of their difference.
     """
 
     order: float | None
@@ -79,8 +72,6 @@ class FollowingEntry(ResultPart):
     """A cancellation that follows, in a run and its trial.
 
     Attributes:
-        is_used: True if it was used; else the cancellation alone was.
-        peaks: The tip's peaks in its trial.
         words: Reason why it was not used; empty if it was.
         orders: Its effect on each order; empty if it was not used.
         begins: Orders that are followed only if more than the usual part of them is left.

@@ -15,7 +15,6 @@ class LearningRun(MadeRun):
 
     Attributes:
         number: Number of the pass, from 1.
-        end_rps: Speed at the end of the ramps.
     """
 
     axis: int
@@ -28,11 +27,7 @@ class LearningPass(ResultPart):
     """Estimate after a pass.
 
     Attributes:
-        gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip around f_al, at the speeds that excite the arm.
-        set_point_delay_s: Delay of the set-points as estimated after this pass.
-        values: Amplitudes A_k and phases φ_k.
-        parts: Verdict on each order that was cancelled in the pass.
     """
 
     gain: float
@@ -63,13 +58,7 @@ class LearntAxis(ResultPart):
 
 
 class LearningResult(MeasuredResult):
-    """Result of adaptive cancellation.
-
-    Attributes:
-        runs: Passes as they were run.
-        learnt: Axes that are in the model file.
-        not_learnt: Reason why not all axes are.
-    """
+    """Result of adaptive cancellation."""
 
     kind: Literal["learn"] = "learn"
     model: str
@@ -89,8 +78,6 @@ class ProbingRun(MadeRun):
         what: `base` without any cancellation, `probe` with small known ones, `applied` with the learnt one.
         tip_peak_mm: Largest displacement of the tip in the band, in any direction; None if the run was not read.
         tip_rms_mm: Root mean square of it, all directions together.
-        is_kept: True for the run whose cancellation is kept.
-        pace: Multiple of the motion's time in which it was run.
     """
 
     number: int
@@ -105,11 +92,7 @@ class ProbedPart(ResultPart):
     """Estimate of one order of one axis from all runs.
 
     Attributes:
-        outcome: `learnt`, or why it is left at 0.
         a_arcsec: Amplitude; None if it is left at 0.
-        a_error_arcsec: Its standard error.
-        phi_deg: Phase.
-        phi_error_deg: Its standard error.
         seen_fraction: Fraction of it that the runs show.
     """
 
@@ -135,17 +118,11 @@ class MotionLearningResult(MeasuredResult):
     """Result of learning on a motion.
 
     Attributes:
-        motion: `line-motion` or `constant-acceleration`.
-        axis: Axis of the latter.
-        probe_arcsec: Amplitude of the probes; None if there was none.
-        parts: Estimates of each order of each axis.
-        learnt: Axes that are in the model file.
+        axis: Axis of a constant-acceleration motion; None for a line.
         base_peak_mm: Peak of the tip without cancellation, of the mean of the base runs.
-        base_rms_mm: Root mean square of it.
         noise_mm: Root mean square of what equal runs differ by.
         noise_m_s2: The same of the acceleration from which is learnt.
         left_m_s2: What of the acceleration no order explains: the motion's own, and noise.
-        not_learnt: Reason why nothing is learnt.
     """
 
     kind: Literal["learn-motion"] = "learn-motion"

@@ -47,8 +47,6 @@ class TipPeak(ResultPart):
     """Tip peak on the ramp, predicted, in the window of one order.
 
     Attributes:
-        rising_mm: Peak of the assumed plant while the speed rises.
-        falling_mm: Peak of the assumed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
         other_mm: Largest peak of the assumed plant on each of the slower and faster ramps, by their rate in rev/s².
     """
@@ -90,7 +88,6 @@ class DesignVerdict(ResultPart):
 
     Attributes:
         notch: Filters as a bench file writes them.
-        holds: True if they meet all requirements.
         postures: Margins on the arm by posture; empty for an axis by itself.
     """
 
@@ -107,20 +104,14 @@ class NotchDesignResult(Result):
 
     Attributes:
         orders: Orders k, in the order in which their filters were designed.
-        period_s: Sampling time of the loop.
         speed_limit_rps: Largest motor speed at which the requirements must hold.
         f_al_hz: Peak of |G_al| without a filter.
         requirements: Margins and tip peak to keep.
         plants: Plants for which they must hold.
-        feasible: True if a filter meets all requirements.
         reason: Reason why none does.
         usable: True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
-        none: Verdict without filters.
-        given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the designed filters; None if only the given ones were judged.
-        effort: Evaluations and seed of the search.
         emulated: True if plant or transmission error were identified on an emulated robot.
-        notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """
 
     kind: Literal["design-notch"] = "design-notch"

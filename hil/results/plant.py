@@ -1,13 +1,16 @@
 """Result of `hil identify plant`: plant, standard errors, and responses."""
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+import numpy as np
+from pydantic import BeforeValidator, Field
 
 from hil.bench.model import IdentifiedPlant
 from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.frequency import TwoInertia
 from hil.results.base import MeasuredResult, ResultPart
+
+Floats = Annotated[tuple[float, ...], BeforeValidator(lambda given: given.tolist() if isinstance(given, np.ndarray) else given)]
 
 
 class PlantParameter(NamedTuple):
@@ -78,9 +81,6 @@ class ExcitationPlan(ResultPart):
         excitation: Signal to which it was added: `torque` or `reference`.
         amplitude_nm: Peak of the excitation, as a torque at the motor.
         crest_factor: Peak over root mean square.
-        bias_rps: Motor speed under the excitation.
-        period_s: Period of the excitation.
-        periods: Number of periods that were averaged.
         travel_rev: Ends of the travel, in motor revolutions.
     """
 
@@ -97,9 +97,7 @@ class FrequencyResponseEntry(ResultPart):
     """Frequency response on the excited lines; all of shape (n,).
 
     Attributes:
-        frequency_hz: Frequencies of the lines.
         deviation: Standard error of either part.
-        radius: Radius of the circle that holds the true value with a probability of 95 %.
         coherence: Fraction of the motion in a period that follows the excitation.
     """
 
@@ -115,22 +113,15 @@ class FrictionCurve(ResultPart):
     """Slow turns, each a mean over a motor revolution.
 
     The arrays are all of shape (n,).
-
-    Attributes:
-        arm_span_deg: Angle through which the arm turned.
-        speed_rad_s: Motor speed.
-        torque_nm: Motor torque.
-        model_nm: Motor torque of the fit.
-        gravity_nm: Gravity's part of the fit.
     """
 
     residual_nm: float
     arm_span_deg: float
-    speed_rad_s: tuple[float, ...]
-    arm_angle_rad: tuple[float, ...]
-    torque_nm: tuple[float, ...]
-    model_nm: tuple[float, ...]
-    gravity_nm: tuple[float, ...]
+    speed_rad_s: Floats
+    arm_angle_rad: Floats
+    torque_nm: Floats
+    model_nm: Floats
+    gravity_nm: Floats
 
 
 class PlantCheck(ResultPart):
@@ -149,18 +140,11 @@ class PlantResult(MeasuredResult):
 
     Attributes:
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
-        plant: Plant that was fitted.
         parameters: Every number with its standard error, by name.
         modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
-        cannot_tell: Sentences on the limits of these data.
-        response: Motor angle per torque.
         tip_response: Tip acceleration per motor angle; None without an accelerometer.
-        friction: Friction and gravity of the slow turns.
         identified: Entry of the model file.
-        not_identified: Reasons why nothing was identified, a sentence each.
-        remarks: Sentences for the engineer.
-        recordings: Paths of the CSV files by name of the run.
     """
 
     kind: Literal["identify-plant"] = "identify-plant"

@@ -1,7 +1,4 @@
-"""Result of `hil identify ate --recording`: a transmission error.
-
-The recordings come from elsewhere.
-"""
+"""Result of `hil identify ate --recording`: a transmission error."""
 
 from typing import Literal
 
@@ -20,8 +17,6 @@ class RecordedFile(ResultPart):
     """A recording as it was read.
 
     Attributes:
-        columns: Columns in words, with their units.
-        period_s: Mean sampling period.
         jitter_s: Range of the steps between time stamps, from the 1st to the 99th percentile.
         clock: Source of time: the stamps, even sampling, or the motor's angle; None if no time was needed.
     """
@@ -50,12 +45,9 @@ class RecordedStretch(ResultPart):
 
     Attributes:
         file: Number of its file, from 0.
-        direction: +1 forwards, −1 backwards.
         speed_rps: Median of its speed.
         from_s: Its beginning, from the first row.
-        to_s: Its end.
         degree: Degree of the slow part that was chosen.
-        values: Its orders.
     """
 
     file: int
@@ -72,9 +64,7 @@ class OrderChange(ResultPart):
     """An order against itself in several stretches or parts.
 
     Attributes:
-        probability: Probability of the differences, were they noise alone.
-        widened: Factor by which they widen its standard errors.
-        phi_span_deg: Largest difference of two of its phases.
+        widened: Factor by which the differences widen its standard errors.
         is_seen: True if noise does not explain them.
     """
 
@@ -89,7 +79,6 @@ class ScanPeak(ResultPart):
     """An order of the scan, with the false-alarm level.
 
     Attributes:
-        order: The order.
         amplitude: Its amplitude, in arcsec of the joint.
         level: False-alarm level there, in arcsec.
     """
@@ -105,9 +94,7 @@ class FixedLine(ResultPart):
     It comes from the sampling or another machine, not from the gear.
 
     Attributes:
-        hz: Its frequency.
         order: Order at which it lies at most of the speeds.
-        amplitude: Amplitude, in the unit of the signal.
     """
 
     hz: float
@@ -139,18 +126,12 @@ class RecordedAteResult(Result):
     """Result of an identification of the transmission error from recordings.
 
     Attributes:
-        started_utc: Instant of the command, ISO 8601.
         form: Signals that were used beside the motor angle.
         ratio_found: N as two encoders show it; None without them.
-        orders: Orders that were asked for.
-        files: The recordings.
         parts: Parts of the stretches, in which a change is looked for.
         changes: Each order against itself in these parts.
         scan: Blind scan; None if nothing could be scanned.
         ate: Entry of the model file; None if nothing was identified.
-        is_identified: True if an order exceeds its noise.
-        notes: Sentences for the engineer.
-        not_identified: Reason why nothing was identified.
         plant: Plant that made an angle of the signal, in words; None for two encoders.
     """
 

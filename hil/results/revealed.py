@@ -33,9 +33,7 @@ class TrueAxis(PlantTable):
     """What a tour reveals of an axis of a robot file; its other keys are the emulator's own.
 
     Attributes:
-        hysteresis_torque_nm: Hysteresis of the gear.
         wind_up_softness: Fraction of the stiffness that is missing near no torsion.
-        current_time_constant_s: Lag of the current loop.
     """
 
     model_config = ConfigDict(extra="ignore")
@@ -103,10 +101,7 @@ def _antiresonance(number: int, truth: TrueAxis, known: IdentifiedAxis) -> TourF
 
 
 def _orders(number: int, truth: TransmissionErrorTable, known: IdentifiedAxis) -> Iterator[TourFact]:
-    """Yield amplitude and phase of each order.
-
-    The true phase is within half a turn of its estimate.
-    """
+    """Yield amplitude and phase of each order."""
     error, sizes, angles = known.ate, truth.amplitudes_arcsec(), truth.phases_deg()
     amplitudes = {} if error is None else error.values.amplitudes_arcsec()
     phases = {} if error is None else error.values.phases_deg()

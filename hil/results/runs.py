@@ -1,7 +1,4 @@
-"""Result of `hil run` and of the demo's first part.
-
-Runs, changes by treatments, and the paper's claims.
-"""
+"""Result of `hil run` and of the demo's first part."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -29,8 +26,6 @@ class TrialRun(ResultPart):
     """One run of a trial against the run without cancellation.
 
     Attributes:
-        what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the rows that are judged, in the band around f_al.
         reduction_fraction: Fraction by which the vibration is below that of the run without.
     """
 
@@ -47,14 +42,7 @@ class TrialPart(ResultPart):
             are used.
         expected_fall_fraction: Fraction by which a right cancellation lowers this order when the tried fraction of it acts.
         fall_fraction: Fraction by which this order fell with it.
-        fall_error: Standard error of that.
         left_fraction: Fraction of this order that the whole cancellation leaves.
-        left_error: Standard error of that.
-        factor: Factor by which the cancellation should be multiplied; None if nothing of it was seen.
-        factor_error: Standard error of that.
-        turn_deg: Angle by which φ_k should be turned.
-        turn_error_deg: Standard error of that.
-        words: The verdict as a line of text.
     """
 
     axis: int
@@ -105,10 +93,8 @@ class CancellationTrial(ResultPart):
 
     Attributes:
         before_m_s2: Vibration without it.
-        gain: Fraction of the cancellation that was tried first.
         is_good: True if at least one order of one axis is accepted, and used.
         trials: Runs with the tried fraction on all axes, on each alone if there are several, and with the whole.
-        parts: Verdict on each order of each axis.
         remainder: Remaining vibration, and its causes; None without cancellation.
     """
 
@@ -135,9 +121,7 @@ class FilterTrialPeak(ResultPart):
 
     Attributes:
         order: Order of the window; None for the only one of a line motion.
-        before_mm: Peak without.
-        after_mm: Peak with them.
-        error_mm: Standard error of their difference.
+        after_mm: Peak with the filters.
     """
 
     order: float | None
@@ -151,7 +135,6 @@ class FilterTrial(ResultPart):
 
     Attributes:
         is_good: True if the tip's peak rises in no window and falls in one; else the run is made without them.
-        runs: Runs with them, and as many without.
         peaks: The peak in each window from the start that is worst for it, the worst first.
         words: Refusal in words; empty if they are good.
     """
@@ -167,12 +150,8 @@ class ShaperEntry(ResultPart):
 
     Attributes:
         name: Its name: `zv`, `zvd`, `mzv`, `ei` or `two-hump-ei`.
-        modes: Modes for which it is made.
         left: Other modes.
-        amplitudes: Impulses A_i.
-        times_s: Their times t_i.
         duration_s: Additional duration of the motion.
-        delay_s: Mean delay.
         remaining_fraction: Remaining vibration V of the modes, as a part of that without shaper.
         remaining_low_fraction: The same if their frequencies are a tenth lower than assumed.
         remaining_high_fraction: The same if they are a tenth higher.
@@ -197,9 +176,7 @@ class RingingMode(ResultPart):
 
     Attributes:
         frequency_hz: Its undamped frequency.
-        damping: Its damping ratio.
         amplitude_mm: Amplitude of the tip when the set-points stop.
-        error_mm: Its standard error.
     """
 
     frequency_hz: float
@@ -211,27 +188,15 @@ class RingingMode(ResultPart):
 class RunEntry(MadeRun):
     """One run in one window.
 
-    A ramp has several windows, each with the order that meets the resonance there.
-
     Attributes:
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
         axis: The axis that moves alone; None for the line motion.
-        loop: Side that closed the loop, the drive or the host.
-        control_period_s: Sampling time of the loop.
         order: Order k of the window; None for the line motion, and for a run that was stopped.
         tip_peak_mm: Largest tip displacement, see `hil.analysis.Metrics` like the next four; None if it could not be judged.
-        tip_rms_mm: Root mean square of the tip displacement.
-        spectrum_peak_m_s2: Largest amplitude of the spectrum.
-        spectrum_peak_hz: Frequency of the largest amplitude.
         spectrum_area: Area of the spectrum, m/s²·Hz.
         within_spec: True if the tip keeps the specification; None if the run was not judged.
-        motion_s: Duration of the motion in the bench's time.
         bus_errors: Error reports of the CAN controller, with their counts.
-        discarded_positions: Number of implausible positions that were discarded.
         timing: Punctuality of the cycles; None in lock-step.
-        invalid: Reason why the run cannot be judged.
-        trial: Trial of the cancellation before the run.
-        filter_trial: Trial of designed filters before the run.
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None if it is not known, and nothing is judged.
@@ -241,17 +206,12 @@ class RunEntry(MadeRun):
         remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
         order_mm: Largest amplitude of the order itself in the window, as a displacement; None if it cannot be tracked.
-        order_error_mm: Its standard error.
-        noise_mm: Largest tip displacement that noise alone would show in the window.
         directions: The tip along x, y and z of the base frame and along the worst direction, on a bench with an arm; the numbers
             above are then those of the worst.
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
         unreached_orders: Sentences on orders that cannot meet f_al within the limits.
         following: Effect of a cancellation that follows on each order, and its trial; None without one.
-        shaper: Input shaper that has shaped the motion.
-        ringing: Modes that ring after the stop of a point-to-point move.
         filters: Filters that acted; empty if none did. None in files from before they were kept.
-        cancelled: Orders that were cancelled, likewise.
     """
 
     experiment: str
@@ -331,11 +291,7 @@ class PaperClaim(ResultPart):
     """A number of the paper beside the bench's.
 
     Attributes:
-        claim: Claim in words.
         source: Section, figure or table of the paper.
-        paper: Number of the paper.
-        bench: Number of the bench.
-        unit: Unit of both numbers.
         holds: True if the bench's number confirms the claim; None if it could not be judged.
     """
 
@@ -352,7 +308,6 @@ class ExperimentsResult(MeasuredResult):
 
     Attributes:
         runs: Entry for each window of each run.
-        comparisons: Comparison of each treatment with none.
         paper: Claims that the runs concern; empty if they ended early.
         arm: Masses of the arm as the model file had them; None without.
         files: Files that the runs took something from; None in results from before they were kept.

@@ -37,8 +37,6 @@ def nodes_from(text: str) -> tuple[int, ...]:
 def ask_nodes(address: Address, nodes: tuple[int, ...]) -> None:
     """Read the objects with mapping and scales of some nodes.
 
-    An object that a node does not have is skipped. The bus is opened for it and closed again.
-
     Raises:
         BusUnavailableError: The bus cannot be opened once more.
         NoAnswerError: A node does not answer.

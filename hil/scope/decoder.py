@@ -1,7 +1,4 @@
-"""Rows of values from frames, one for each SYNC.
-
-A row has the values between its SYNC and the next.
-"""
+"""Rows of values from frames, one for each SYNC."""
 
 import math
 from collections.abc import Mapping
@@ -17,6 +14,7 @@ from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
 from hil.can.listening import ReceivedFrames
+from hil.control.arrays import Real
 from hil.logs.findings.bus import likely_bits
 from hil.logs.log import Stream
 from hil.scope.overhearing import Overhearing
@@ -24,7 +22,6 @@ from hil.scope.past import widened
 from hil.scope.readers import TARGET, FrameReading, reading_of
 from hil.scope.signals import Signal, SignalQuantity
 
-Real = NDArray[np.float64]
 ROWS_BEHIND = 2
 """Rows between a position set-point and the position that it asks for: one that is sent before SYNC n takes effect with it, is
 reached at SYNC n + 1, and stands in the row before n."""
@@ -86,7 +83,6 @@ class HeardEvent:
     """An event on the bus.
 
     Attributes:
-        time_s: Its time.
         kind: `emcy`, `nmt` for a command of the NMT master, or `gap` for some cycles without SYNC.
         node: Node-ID; 0 for all.
     """
@@ -105,7 +101,6 @@ class SignalRows:
         time_s: Times of their SYNCs; shape (n,).
         values: A column per signal; shape (n, m).
         signals: The signals; they only ever become more, and keep their columns.
-        events: Events since the last rows.
     """
 
     time_s: Real
@@ -128,8 +123,6 @@ class SignalDecoder:
     """Rows of a bus, from its frames.
 
     Args:
-        bench: Bench file, or None.
-        descriptions: Device descriptions by node-ID.
         bitrate: Bit rate in bit/s; None if it is not known, and the load is in kbit/s.
     """
 
@@ -149,10 +142,7 @@ class SignalDecoder:
         self._fault_texts = {axis.node_id: Profile.load(axis.profile).fault_texts for axis in axes}
 
     def feed(self, heard: ReceivedFrames) -> SignalRows:
-        """Return the rows that these frames complete.
-
-        The mapping in force at the time of a frame applies to it.
-        """
+        """Return the rows that these frames complete."""
         is_answer = (heard["can_id"] & ~np.uint32(0x7F)) == FunctionCode.SDO_RESPONSE
         index = heard["data"] >> np.uint64(8) & np.uint64(0xFFFF)
         is_written = (

@@ -30,10 +30,6 @@ class Overhearing:
     """Overheard set-up of the nodes."""
 
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description]) -> None:
-        """Begin with the contents of files.
-
-        The bench file has the mapping of this package's master; an overheard one replaces it.
-        """
         self._bench, self._descriptions = bench, descriptions
         self._values: dict[tuple[int, ObjectAddress], OverheardValue] = {}
         self._recent: ReceivedFrames = np.empty(0, FRAME_RECORD)

@@ -3,9 +3,8 @@
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 KEPT_S = 10.0
 """Time that is kept."""
@@ -15,8 +14,6 @@ MOST_ROWS_KEPT = 200_000
 
 class Past:
     """Rows of the last seconds.
-
-    A row has a time and a value of each signal, NaN without one.
 
     Attributes:
         first: Number of the first row that is kept, counted from the start.
@@ -48,8 +45,6 @@ class Past:
 
     def since(self, row: int) -> tuple[int, Real, Real]:
         """Rows from a number on.
-
-        Rows that are not kept any more are left out.
 
         Returns:
             Number of the first row, times and values; shapes (n,), (n, m).

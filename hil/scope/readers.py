@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.units import counts_per_rev
 from hil.bench.bench import AxisTable, Bench
+from hil.control.arrays import Real
 from hil.errors import NodeError
 from hil.export.decoded import acceleration_step_m_s2
 from hil.logs.log import Stream
@@ -36,7 +36,6 @@ class Scales:
     Attributes:
         rev_per_count: Motor revolutions per unit of position.
         rps_per_count: Motor revolutions per second per unit of speed.
-        nm_per_mille: Torque of one per mille, N·m.
     """
 
     rev_per_count: float | None = None
@@ -85,7 +84,6 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
     )
 
 
-Real = NDArray[np.float64]
 TARGET = "target"
 """Name of the set-point of a position, from which the following error is made; it has no figure of its own."""
 _SPEED, _FOLLOWING_ERROR = 0x606C, 0x60F4
@@ -96,10 +94,8 @@ class FrameReader:
     """A number in the frames of one identifier.
 
     Attributes:
-        can_id: Identifier.
         least: Bytes that a frame must have.
         key: Signal, or the name of a set-point with its axis.
-        decode: Its values from the frames.
     """
 
     can_id: int
@@ -113,7 +109,6 @@ class FrameReading:
     """All that is read from the frames of a bus.
 
     Attributes:
-        readers: The numbers.
         expected: Node of each identifier that is awaited with every SYNC.
     """
 
@@ -123,10 +118,7 @@ class FrameReading:
 
 
 def reading_of(nodes: Mapping[int, Node], bench: Bench | None) -> FrameReading:
-    """Numbers that can be read, by the nodes as they are known.
-
-    The bench file names axes and sensor; without it an axis is called by its node.
-    """
+    """Numbers that can be read, by the nodes as they are known."""
     tables = {} if bench is None else {table.node_id: (number, table) for number, table in bench.axis.items()}
     readers: list[FrameReader] = []
     expected: dict[int, int] = {}

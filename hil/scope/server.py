@@ -11,7 +11,6 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
@@ -20,6 +19,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
 from hil.report import palette
 from hil.scope.signals import SignalQuantity, state_words
@@ -27,7 +27,6 @@ from hil.scope.sources import PageSource
 from hil.scope.spectra import SpectrumError, amplitude_spectrum, order_spectrum
 from hil.scope.trigger import Trigger, TriggerRule
 
-Real = NDArray[np.float64]
 LOOPBACK = "127.0.0.1"
 SENDING_MS = 90.0
 """Period in which rows are sent."""
@@ -104,10 +103,7 @@ class _File(_Guarded):
 
 
 class _Viewer(_Guarded, WebSocketHandler):
-    """A page's connection: first past rows, then new ones.
-
-    They are sent as fast as the page takes them.
-    """
+    """A page's connection: first past rows, then new ones."""
 
     def open(self, *_args: str, **_kwargs: str) -> None:
         """Choose the source, and send its signals and past rows."""

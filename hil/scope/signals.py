@@ -29,7 +29,6 @@ class Signal:
 
     Attributes:
         of: Whose it is: `axis 2`, `node 5`, `tip x`, `bus`.
-        quantity: SignalQuantity.
         unit: Unit; "" for a number.
     """
 

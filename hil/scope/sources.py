@@ -4,17 +4,16 @@ from collections import deque
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.can.errors import BusLostError
 from hil.can.listening import Listener
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
 from hil.recording import TIP, Recording
 from hil.scope.decoder import HeardEvent, SignalDecoder
 from hil.scope.past import Past
 from hil.scope.signals import Signal, SignalQuantity
 
-Real = NDArray[np.float64]
 MOST_EVENTS = 500
 TWO_PI = 2.0 * np.pi
 
@@ -24,8 +23,6 @@ class BusSource:
 
     Attributes:
         is_live: True if rows are still to come.
-        past: The rows.
-        signals: Signals of their columns.
         events: Events, the oldest first.
         ended: Why no more rows come; "" while they do.
     """
@@ -33,10 +30,6 @@ class BusSource:
     is_live = True
 
     def __init__(self, listener: Listener, decoder: SignalDecoder, title: str) -> None:
-        """Begin with nothing.
-
-        The listener is not closed.
-        """
         self.title, self.past = title, Past()
         self.signals: tuple[Signal, ...] = ()
         self.events: deque[HeardEvent] = deque(maxlen=MOST_EVENTS)
@@ -119,8 +112,6 @@ def signals_of(recording: Recording) -> dict[Signal, Real]:
 
 def recordings_in(directory: Path) -> dict[str, Path]:
     """Return the recordings of a directory by name.
-
-    The directory is that of `hil run` or another command.
 
     Raises:
         NotPossibleError: There is none.

@@ -1,11 +1,9 @@
 """Spectra of a window by frequency, and by motor order."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.order_map import order_map
-
-Real = NDArray[np.float64]
 
 LEAST_WINDOW, MOST_WINDOW = 16, 400_000
 MISSING_FRACTION_BORNE = 0.05

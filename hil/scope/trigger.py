@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
+
 STATE_BITS = 0x6F
 """Bits of the status word that show the state (CiA 402, 6041h)."""
 
@@ -18,10 +18,6 @@ class TriggerRule(BaseModel):
     Attributes:
         kind: `edge` of a signal, change of the state in a `status` word, or an `emcy`.
         signal: Name of the signal; "" for an emergency, and for all status words.
-        level: Level of an edge, in the signal's unit.
-        slope: Direction in which the level is crossed.
-        before_s: Time before the trigger that is shown, s.
-        after_s: Time behind it, s.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

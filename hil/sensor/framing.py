@@ -121,7 +121,6 @@ class LineFraming:
     The checksum is hexadecimal, after ``*``.
 
     Attributes:
-        fields: Meaning of the numbers.
         separator: Text between the numbers; spaces around a number do not matter.
         prefix: Beginning of every line; the checksum does not cover it, as the ``$`` of NMEA 0183.
         checksum: Checksum over the text between prefix and ``*``; a CRC-16 is written as a number, high byte first.
@@ -143,10 +142,7 @@ class LineFraming:
 
 
 class LineDecoder:
-    """Decoder of lines into samples.
-
-    It skips the text before the first end of a line, which may be half a line.
-    """
+    """Decoder of lines into samples."""
 
     def __init__(self, framing: LineFraming) -> None:
         self.framing = framing
@@ -220,13 +216,11 @@ class BinaryFraming:
     """Frames of a fixed length: sync bytes, numbers, checksum.
 
     Attributes:
-        fields: Meaning of the numbers.
         sync: Bytes at the beginning of every frame; at least one.
         layout: The numbers as `struct` writes them, byte order first: ``<Hhhh``; ``x`` is a byte that is ignored.
         checksum: Checksum over the numbers, and over the sync bytes where `covers_sync`.
         checksum_position: Position of the checksum: at the end of the frame, or between sync bytes and numbers.
         checksum_order: Byte order of a CRC-16; Modbus sends the low byte first.
-        covers_sync: True if the checksum covers the sync bytes.
     """
 
     fields: Fields

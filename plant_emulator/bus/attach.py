@@ -24,7 +24,6 @@ class Attachment:
     processes the waiting frames, before its time passes; see `bus.stalls`.
 
     Attributes:
-        frames: Number of frames received so far.
         time: The wall clock, as the world follows it.
     """
 
@@ -36,10 +35,6 @@ class Attachment:
         say: Callable[[str], None] = to_stderr,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Join world and channel; `run` starts the nodes.
-
-        `say` gets each warning; the clock is monotonic, in ns.
-        """
         self.world, self.channel = world, channel
         self.frames = 0
         self.time = WallTime(clock, world.now, say)

@@ -36,9 +36,7 @@ class QueuedFrame:
 
         Args:
             frame: The frame that the others will receive.
-            port: The port that sends it.
             at: Earliest start, in ns.
-            rates: Bit rates of the bus.
 
         Raises:
             ValueError: This is not a frame that can be on the wire.

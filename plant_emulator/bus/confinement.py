@@ -66,7 +66,6 @@ class Confinement:
         All of it is counted at the beginning.
 
         Args:
-            attempt: The attempt on the bus, or None.
             at: Beginning of the dominant level, in ns.
             until: End of the dominant level, in ns.
             idle: Time from which the bus is idle again, in ns.

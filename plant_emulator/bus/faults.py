@@ -75,7 +75,6 @@ class BusEvent(NamedTuple):
     """An event at a port or on the bus.
 
     Attributes:
-        at_ns: Time of the event.
         kind: "mute", "babble", "stuck" or "bus_off" and, at its end, "unmute", "quiet" or "restart".
         port: The port concerned; without meaning for "stuck".
         until_ns: End of "stuck".
@@ -205,10 +204,7 @@ class FaultsFile(Table):
 class BusFaults:
     """State of the faults on one wire.
 
-    They count the frames that they have met, so they belong to one wire.
-
     Attributes:
-        faults: All of them.
         events: Events that no frame causes, in order of time.
         hits: Number of frames that each fault has hit.
     """

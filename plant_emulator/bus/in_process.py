@@ -42,10 +42,7 @@ class InProcessChannel(OneByOne):
     It is a `hil.can.channel.Channel`, and bit-identical for equal seeds.
 
     Attributes:
-        world: The world behind the bus.
-        medium: The medium between world and client.
         is_logged: True if a measurement on it writes a log of its frames.
-        syncs: Number of SYNCs so far.
         line: The core's record of the medium, by which cycles need no Python; None where frames are logged, or a medium is given.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
         on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
@@ -64,7 +61,6 @@ class InProcessChannel(OneByOne):
         Their boot-up messages wait to be read.
 
         Args:
-            world: The world behind the bus.
             medium: The medium between world and client; left out, frames arrive at once and in order.
             bitrate: Bit rate by which a run checks the load of the bus, although the medium has none.
             is_logged: Set it to False for runs whose frames nobody reads.
@@ -151,8 +147,6 @@ class InProcessChannel(OneByOne):
 
     def inject(self, frame: Frame) -> None:
         """Put a frame on the bus as another participant.
-
-        The nodes and the client both receive it.
 
         The other participant stays on the bus: on a bus with bit times a frame without an answer waits in its queue for the
         next SYNC.

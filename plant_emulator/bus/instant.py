@@ -19,7 +19,6 @@ class HeardFrame(NamedTuple):
     Attributes:
         frame: The frame that every participant but the sender has received.
         port: Port of the sender.
-        end_ns: End of the frame, in the world's time.
     """
 
     frame: Frame

@@ -25,13 +25,11 @@ def medium_for(
     """Choose the simplest medium that has the required properties.
 
     Args:
-        world: The world behind the medium.
         bitrate: In bit/s; None: no bit times.
         data_bitrate: In bit/s; given, every data frame goes as a CAN FD frame of the same contents, these at this rate. That
             is what CAN FD brings to PDOs of up to 8 bytes; larger ones, which `hil plan` counts, are another matter.
         wall: Time follows the wall clock; else SYNC.
         host_latency_s: Time that a client's frame takes from its program to its controller, in the time of the bus.
-        faults: Faults of the wire.
 
     Raises:
         ValueError: No bit rate, or a data bit rate below it or alone.

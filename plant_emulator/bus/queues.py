@@ -14,7 +14,6 @@ class Queues:
     """All waiting frames and events of one bus.
 
     Attributes:
-        waiting: Ports that have something to send.
         later: Frames and events that are put off, a heap by time and order.
         order: Number of the last thing that was put off.
     """
@@ -31,8 +30,6 @@ class Queues:
         self, port: Port, at: int, now: int, frame: Frame, delay_ns: int = 0, destroyed: int = 0, overtaken: bool = False
     ) -> bool:
         """Take a frame, into the queue or on its way; return False if full.
-
-        Held frames that it overtakes are queued after it.
 
         Raises:
             ValueError: This is not a frame that can be on the wire.

@@ -48,7 +48,6 @@ class Server:
         """Bind the path and start the nodes.
 
         Args:
-            world: The world behind the bus.
             medium: The medium between world and clients; left out, frames arrive at once and in order.
             path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
@@ -159,8 +158,6 @@ class Server:
 
     def _serve_clock(self, holder: Client) -> None:
         """Serve a turn of lock-step to the client with the clock.
-
-        It waits in the client's socket for frames.
 
         The turn ends when the client is silent for `CLOCK_WAIT_S` or has sent its part of the frames; then the others are served.
         """

@@ -30,8 +30,7 @@ def made_up(begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[lis
     """Return when a late world processes frames, and its end time.
 
     Args:
-        begin_ns: The world's time.
-        end_ns: The wall's time, on the same scale.
+        end_ns: The wall's time, on the scale of the world's.
         arrivals_ns: Arrivals of the frames, in rising order; what lies before `begin_ns` or behind `end_ns` counts as these do.
 
     >>> made_up(0, 250_000_000, [40_000_000, 240_000_000])  # of the 200 ms in between 50 ms pass
@@ -50,8 +49,6 @@ def made_up(begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[lis
 def spread(begin_ns: int, end_ns: int, count: int) -> list[int]:
     """Spread frames of known order evenly between begin and end.
 
-    The last one arrives at the end.
-
     >>> spread(0, 90, 3)
     [30, 60, 90]
     """
@@ -63,7 +60,6 @@ class WallTime:
 
     Attributes:
         stalls: Number of times that the world was more than `SILENCE_NS` behind.
-        lost_ns: Time that the world has lost in all.
     """
 
     def __init__(self, now_ns: Callable[[], int], world_ns: int, say: Callable[[str], None] = to_stderr) -> None:

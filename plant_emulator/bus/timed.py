@@ -27,7 +27,6 @@ class TimedBus:
 
     Args:
         world: Its nodes receive each frame at its end, and send from there.
-        wire: The model of the bus.
         host_latency_ns: Time that a client's frame takes from its program to its controller.
         wall: Time follows the wall clock; SYNC does not advance it.
     """
@@ -190,8 +189,7 @@ class TimedBus:
         """Let a message pass frame by frame whose first frames have ended in the world alone.
 
         Args:
-            port: Port of the client.
-            message: Records of its frames, offered at the time of the wire.
+            message: Records of the client's frames, offered at the time of the wire.
             sent: What the nodes send now.
             until: End of the time that passes, in ns.
 
@@ -213,8 +211,6 @@ class TimedBus:
 
     def cycle(self, port: int, sync: Frame) -> tuple[list[HeardFrame]]:
         """Queue the clock holder's SYNC, and let a period pass.
-
-        The SYNC is queued after the client's other frames.
 
         The cycles never wait for the bus. Frames that do not fit stay in the queues and arrive in a later period; a full
         queue refuses them.

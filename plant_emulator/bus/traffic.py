@@ -10,10 +10,7 @@ class Delivered(NamedTuple):
     """A frame that all others have received.
 
     Attributes:
-        frame: The frame that the others received.
         port: Port of the sender; the lowest, if several sent the very same frame.
-        start_ns: Its SOF.
-        end_ns: The end of its EOF.
     """
 
     frame: Frame
@@ -31,7 +28,6 @@ class Statistics:
     """Counts of a wire since it was made; `Wire.statistics` is a copy.
 
     Attributes:
-        frames: Number of delivered frames.
         bits: Bits of the delivered frames, intermissions included.
         busy_ns: Time in which the bus was not idle, errors included.
         errors: Attempts that ended in an error frame.

@@ -48,7 +48,6 @@ class EmulatedWire:
 
     Attributes:
         now: Up to where time has passed, in ns.
-        rates: Its bit rates.
         switched: Ports that went bus-off (True) or came back (False), in order, for the owner to take; the oldest are forgotten.
     """
 
@@ -66,9 +65,6 @@ class EmulatedWire:
         Args:
             bitrate: In bit/s, or None for a bus without bit times: a frame is delivered when it is offered, in order of offers.
             data_bitrate: Bit rate of the data of CAN FD frames, in bit/s; None: a classic bus.
-            queue_frames: Frames that every port holds.
-            faults: Faults of the bus.
-            now_ns: Start of its time.
 
         Raises:
             ValueError: No bit rate, a data bit rate below it, no room, or faults that need bit times on a bus without.
@@ -148,7 +144,6 @@ class EmulatedWire:
         It takes part again after the bits that the standard demands.
 
         Args:
-            port: Number of the port.
             at_ns: Time of the action; None: now.
 
         Raises:

@@ -222,8 +222,6 @@ def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) 
 def _run(server: "Server | Attachment") -> None:
     """Serve until something stops the server.
 
-    Standard output is flushed first, for those who wait for the announcement.
-
     What has been made until now lives as long as the process, so the garbage collector passes it over from here on: to go through
     the 200 000 objects of a served robot takes it 150 ms, in which the bus is silent.
     """

@@ -56,8 +56,6 @@ def _check_homing_method(method: int) -> SdoAbortCode | None:
 def option_codes(family: DriveFamily, behaviour: Behaviour) -> Callable[[], Options]:
     """Return what gives the option codes in force, 605Ah to 605Eh.
 
-    The limits of their entries state the permitted values.
-
     Homing methods are not contiguous, so limits cannot state them: methods that do not exist are refused (0609 0030h),
     unless the maker states the entry.
     """
@@ -73,7 +71,6 @@ class DelayedTransition(NamedTuple):
     """A transition that a drive executes only after a delay.
 
     Args:
-        step: Step that it will take.
         word: The last control word that has come; None if it must not act any more.
         due: Time of the step in ns; None before the first look at the clock.
     """
@@ -89,7 +86,6 @@ class Drive(SlaveNode):
     `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
 
     Attributes:
-        row: Row of the axis in `Axes.rows`.
         behaviour: The quirks that the robot file gives the drive.
         family: The drive's family: which drive it is, and what of it is not emulated.
         on_state: Called with the state before and the new one, before the power stage follows.
@@ -99,8 +95,6 @@ class Drive(SlaveNode):
 
     def __init__(self, axes: Axes, number: int) -> None:
         """Join an axis to a node.
-
-        The node-ID is that of the robot file.
 
         Raises:
             DriveProfileError: There is no such profile, or its file or the EDS file has errors.
@@ -200,12 +194,7 @@ class Drive(SlaveNode):
         return super().power_on(now)
 
     def update(self, now: int) -> list[Frame]:
-        """Process what the axis has done since the last call.
-
-        It may have exceeded a limit, finished a stop, or come to the next set-point.
-
-        Call this after each advance of the axes.
-        """
+        """Process what the axis has done since the last call."""
         row, signals = self.row, self._signals
         trip = signals.trip[row]
         if trip:

@@ -110,8 +110,6 @@ class DigitalInputs:
     def force(self, inputs: int, *, active: bool = True) -> None:
         """Force inputs to be active, or release them.
 
-        They are active at any position of the axis; the edge is at the motor's position.
-
         Args:
             inputs: Bits of `plant_emulator.motion.record`: NEGATIVE_SWITCH and so on.
             active: True to force them, False to release them.

@@ -79,7 +79,6 @@ class Power(NamedTuple):
     """The memory of the state machine.
 
     Args:
-        state: State of the power drive system.
         control_word: The last one: the fault reset is an edge.
         leaving: State after transition 5 or 8, or after the quick stop of a reset, as soon as the motor is at rest.
     """
@@ -237,11 +236,8 @@ def restarted(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> 
 class DriveStatus:
     """A state of the power drive system with its consequences.
 
-    They are precomputed, since an enum lookup costs more than the rest of the status word.
-
     Attributes:
         is_powered: True if the motor is, or may be, under torque.
-        is_enabled: True if the state is Operation enabled.
         is_stopping: True if the motor is being brought to rest, after which the state changes or the motor is held.
         is_following: True if the drive is enabled and not being brought to rest.
         plain_word: The status word without the bits that the mode and the motion add.
@@ -259,7 +255,6 @@ class DriveStatus:
         """Derive everything from the state machine.
 
         Args:
-            power: The memory of the state machine.
             torque_off: True if safe torque off is active: then the voltage is not enabled.
             lack: True if a mode has been kept from acting: the status word shows it as a warning.
         """

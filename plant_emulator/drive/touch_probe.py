@@ -55,8 +55,6 @@ class TouchProbe:
 
         Args:
             number: 1 or 2.
-            dictionary: Object dictionary of the drive.
-            inputs: Digital inputs of the drive.
             to_user: The position that the user reads at these counts of the encoder.
         """
         self.number = number
@@ -70,7 +68,6 @@ class TouchProbe:
         """Process a byte of 60B8h.
 
         Args:
-            function: The byte.
             sources: Bits of the positive and of the negative edge.
         """
         before = self._function if sources == self._sources else 0

@@ -46,7 +46,6 @@ class ProcessImage:
     """The process data of all drives and the accelerometer, in C.
 
     Attributes:
-        shared: Its record.
         slaves: The nodes for which it acts: those that listen to SYNC.
         ports: Node-IDs of the senders of the TPDOs, in the order of their identifiers.
         is_in_order: True if a bus sends all TPDOs in the order of their identifiers: these are all different, and those of each
@@ -65,8 +64,6 @@ class ProcessImage:
 
         Args:
             axes: The mechanics, and the drives' process data.
-            accelerometer: The node at the tip.
-            sensor: Its sensor.
             measure: Measurement of the node that the image replaces: by this sensor.
         """
         self.slaves: list[Slave] = []
@@ -137,7 +134,6 @@ class ProcessImage:
         return True
 
     def _share(self, received: Sequence[tuple[bytes, int, int]], taken: Sequence[Mapped], told: Sequence[Mapped]) -> None:
-        """Give the layout to C."""
         rpdos = np.zeros(max(1, len(received)), CORE.dtype("received"))
         for row, (record, first, count) in zip(rpdos, received, strict=False):
             row["head"], row["first"], row["count"] = np.frombuffer(record, np.uint8), first, count
@@ -174,7 +170,6 @@ class ProcessImage:
         """Process the records of RPDOs and of a SYNC behind them.
 
         Args:
-            message: The records.
             now: The time of SYNC, in ns.
 
         Returns:

@@ -53,7 +53,6 @@ class TipSensor:
     Args:
         noise_m_s2: Standard deviation of the white noise of each sample.
         resolution_m_s2: Step of the output; 0 for none.
-        range_m_s2: Acceleration at which it saturates.
         generator: The noise's source.
         mixing: What each channel reads of X, Y and Z, shape (3, 3); left out, each reads its own alone.
     """

@@ -77,11 +77,7 @@ class EmulatedChannel(InProcessChannel):
 
 
 class EmulatedRobot:
-    """The world behind the bench, which tests inspect and advance.
-
-    Attributes:
-        drives: The emulated drives by axis number.
-    """
+    """The world behind the bench, which tests inspect and advance."""
 
     def __init__(self, model: Robot, bitrate: int | None, interference: Interference) -> None:
         """Build the robot and switch it on."""

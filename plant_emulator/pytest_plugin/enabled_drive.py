@@ -132,10 +132,6 @@ class EnabledDrive:
     The limits of the bench file apply; the master monitors the drive as in a run, and may stop it.
 
     Positions are the motor's, in revolutions.
-
-    Attributes:
-        axis: The drive as the master sees it.
-        limits: Limits of the bench file.
     """
 
     def __init__(self, session: BenchSession, axis: DriveAxis, run: HeldRun, keeper: Keeper) -> None:

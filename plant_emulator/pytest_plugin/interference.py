@@ -41,18 +41,13 @@ def _nowhere(*_: object) -> NoReturn:
 class Interference:
     """Faults of frames, and planned actions, of one bus.
 
-    The bus sets the functions below.
-
     Attributes:
-        trace: Log of the frames on the bus.
         frames: Faults of frames between bus and master.
         wire: Faults of frames on the wire; None if no bit times are emulated.
-        now_ns: The bench's time.
         put: Puts a frame on the bus as a stranger would.
         pull: Makes the bus fail.
         push: Gives it back.
         is_used: True once a test has interfered.
-        power_cycle: Switches a node off and on.
         switch_bus_off: Puts a node's controller bus-off (True), or brings it back.
     """
 

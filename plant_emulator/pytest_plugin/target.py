@@ -163,8 +163,7 @@ class ServedBus:
     """`plant-emulator serve` as a process.
 
     Attributes:
-        socket: Path of its socket.
-        address: The same, as `--bus` and a bench file have it.
+        address: The bus as `--bus` and a bench file have it.
     """
 
     def __init__(self, process: subprocess.Popen[str], socket: Path, bitrate: int | None) -> None:

@@ -52,8 +52,6 @@ def quantities_of(
     """Return truth, estimate and standard error by `record.QUANTITIES`.
 
     Args:
-        robot: The robot.
-        number: Number of the axis.
         identified: Model file of the identifications; None without one.
         learnt: Model file of learning; None if nothing was learnt.
         arm_rad: Arm angles at which the plant was identified.
@@ -90,10 +88,7 @@ def sensor_delay_s(sensor: RobotAccelerometer, frequency_hz: float) -> float:
 
 
 def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.float64]) -> dict[str, QuantityRecord]:
-    """Return true and identified plant.
-
-    The true gear is evaluated at the torsion that the identification states, and where the arm was.
-    """
+    """Return true and identified plant."""
     gear = gear_plant(axis, None if plant is None else plant.torsion_arcsec, arm_rad)
     true = {
         "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from plant_emulator.robots.robot import RobotAxis
-
-Real = NDArray[np.float64]
 
 STEPS = 720
 """Instants of a period at which the gear's torque is reckoned; the loss is right to 0.2 %."""
@@ -47,7 +46,6 @@ def gear_plant(axis: RobotAxis, torsion_arcsec: float | None, arm_rad: Real = AL
     """Return the plant that a vibration of the gear meets.
 
     Args:
-        axis: The axis.
         torsion_arcsec: Amplitude of the torsion; None for the robot file's constants.
         arm_rad: Arm angles of the motion; shape (n,).
     """

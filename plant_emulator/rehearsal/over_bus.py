@@ -35,8 +35,6 @@ class StepsOverBus:
 
     Args:
         bench: The bench file; written into the folder of the path.
-        axis: Number of the axis.
-        files: The files of the path.
         address: The bus on which the robot is served.
     """
 
@@ -56,10 +54,7 @@ class StepsOverBus:
         return note_of_error(load_result(self._out("ate"), AteResult, "an identification of the transmission error"))
 
     def design(self) -> Note:
-        """Design a notch, and write it into the design file.
-
-        A notch that only misses the tip's limit is written, too; the note says so.
-        """
+        """Design a notch, and write it into the design file."""
         options = ("--model", str(self._files.model), "--design", str(self._files.designs), "--quick", "--jobs", "1")
         try:
             self._hil("design", "notch", *options, out="design")

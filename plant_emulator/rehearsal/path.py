@@ -47,8 +47,6 @@ class PathOptions:
 
     Attributes:
         over_bus: Go over a bus: a served robot, and the tools as processes.
-        with_design: Design a notch.
-        with_probes: Try wrong corrections.
         with_causes: Look whether the cause that the product names for what it leaves is the true one.
         keeps_files: Keep recordings and results in the folder; otherwise only the model files stay.
     """
@@ -65,16 +63,12 @@ def run_path(
 ) -> PathRecord:
     """Run the documented path.
 
-    Its steps are plant, ATE, design, runs with every treatment, and learning.
-
     A refusal by the product raises nothing: the record states how each step ended. Ctrl-C and SIGTERM end the path.
 
     Args:
         robot: The robot that is treated, all its truth in it.
         bench: The bench file, which knows nothing of it.
         folder: Directory for what the steps write; created if missing.
-        options: Options; the defaults unless given.
-        reporter: Listener of each step.
 
     Raises:
         KeyboardInterrupt: A signal ended a motion.
@@ -84,8 +78,6 @@ def run_path(
 
 @dataclass
 class _Path:
-    """A path in progress."""
-
     robot: Robot
     bench: Bench
     folder: Path
@@ -143,7 +135,6 @@ class _Path:
             yield StepsOverBus(self.bench, self.axis, self.files, served.address)
 
     def _run_steps(self, steps: Steps) -> None:
-        """Take the steps in order."""
         self._take("plant", steps.plant)
         self._take("ate", steps.ate)
         if self.options.with_design:
@@ -213,11 +204,7 @@ class _Path:
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:
-    """Take a step; return how it ended.
-
-    Raises:
-        KeyboardInterrupt: A signal ended the motion; the user's interrupt is not a result of the robot.
-    """
+    """Take a step; return how it ended."""
     try:
         note = act()
     except InterruptedRunError as error:

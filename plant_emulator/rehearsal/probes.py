@@ -25,10 +25,7 @@ WRONG_FROM = 0.99
 
 
 def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping[float, float]) -> dict[str, ProbeRecord]:
-    """Test the trial with wrong corrections.
-
-    The results are named as in `record.PROBES`. The plant in each correction is the true one.
-    """
+    """Test the trial with wrong corrections."""
     found = {}
     with session_on(robot, bench) as session:
         for name, table in wrong_corrections(robot, axis).items():
@@ -51,10 +48,7 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
 
 
 def wrong_corrections(robot: Robot, axis: int) -> dict[str, TransmissionErrorTable]:
-    """Return wrong ATEs, named as in `record.PROBES`.
-
-    An order that the gear lacks has no wrong correction.
-    """
+    """Return wrong ATEs, named as in `record.PROBES`."""
     true = robot.axis[axis].apparent_ate
     amplitudes, phases = true.amplitudes_arcsec(), true.phases_deg()
     made = {}
@@ -68,10 +62,7 @@ def wrong_corrections(robot: Robot, axis: int) -> dict[str, TransmissionErrorTab
 
 
 def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) -> set[float]:
-    """Return the orders that a correction does not reduce.
-
-    They leave about all of their error, or more.
-    """
+    """Return the orders that a correction does not reduce."""
     wrong: set[float] = set()
     known, turned = true.amplitudes_arcsec(), true.phases_deg()
     for order, amplitude in assumed.amplitudes_arcsec().items():

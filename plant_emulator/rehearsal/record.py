@@ -57,9 +57,7 @@ class StepRecord:
     """End of a step.
 
     Attributes:
-        error: Class of the error that ended it.
         words: The error's words, or the note of a step that is done.
-        causes: Causes that the error names.
     """
 
     ended: Ended = "skipped"
@@ -125,7 +123,6 @@ class PathRecord:
         probes: Wrong corrections, by `PROBES`.
         causes: Causes that the run of each cancellation names for what it leaves, and its words.
         without_cause_mm: True tip at the path's end without the causes that were named; None if there are none.
-        cpu_s: Processor time of the path.
         survey_cpu_s: Processor time of measuring the truth, and of the wrong corrections.
         simulated_s: Time of the robot's world.
     """

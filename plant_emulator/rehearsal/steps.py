@@ -37,7 +37,6 @@ class RunNote(NamedTuple):
     """Outcome of a run that was made.
 
     Attributes:
-        left_out: Orders that a trial has left out.
         causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
         left_mm: The tip's peak in the worst window, as the trial saw it; None without a trial.
@@ -58,10 +57,6 @@ class TrialRefusedError(HilError):
     exit_code: ClassVar[int] = 9
 
     def __init__(self, words: str, trial: CancellationTrial | None = None) -> None:
-        """Keep the words.
-
-        If the trial could not judge an order, the cause is the sensor's noise.
-        """
         self.causes = ("noise",) if trial is not None and any(part.verdict == "not judged" for part in trial.parts) else ()
         super().__init__(words)
 

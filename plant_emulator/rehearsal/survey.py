@@ -53,7 +53,6 @@ class Survey:
 
         Args:
             treatment: Name as in `record.TREATMENTS`.
-            knowledge: What the path has found.
             left_out: Orders of a cancellation that its trial has left out.
         """
         bench, model = self._bench, None

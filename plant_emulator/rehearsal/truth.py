@@ -20,10 +20,7 @@ END_S = 0.15
 
 
 def quiet(robot: Robot, late_s: float = 0.0) -> Robot:
-    """Return the robot with an ideal sensor.
-
-    It has no noise, steps, low-pass or mounting resonance, and no delay unless one is given.
-    """
+    """Return the robot with an ideal sensor."""
     still = robot.accelerometer.model_copy(
         update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0, "delay_s": late_s, "lowpass_hz": None, "mounting_resonance_hz": None}
     )
@@ -62,11 +59,8 @@ def tip_by_order_mm(
 ) -> dict[float, float]:
     """Return the largest tip displacement by order, mm.
 
-    Each order has a window in a rising ramp (`_windows`).
-
     Args:
         recording: Recording on a quiet sensor.
-        axis: Number of the axis.
         f_al_hz: The robot's own.
         speed_rps: Motor speed of the same motion with perfect gears, the same rows for all treatments: what a cancellation adds
             to the speed would let a window begin half a swing of the motion's own jolt earlier. The recording's own unless given.
@@ -96,10 +90,7 @@ def _windows(speed_rps: NDArray[np.float64], f_al_hz: float) -> dict[float, NDAr
 
 
 def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
-    """Return the largest order-tracked tip amplitude by order, mm.
-
-    It is the part at k θ_m alone, in each order's window of a rising ramp.
-    """
+    """Return the largest order-tracked tip amplitude by order, mm."""
     angle, period = recording.axis(axis, "position_rad"), recording.period_s
     top = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(END_S / period)
     tip = 1e3 * recording.columns["tip_z_m_s2"] / (2.0 * math.pi * f_al_hz) ** 2

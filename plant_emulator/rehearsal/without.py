@@ -28,10 +28,7 @@ HALF = 0.5
 
 
 def without_reaction(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """Return the robot without the gear's reaction.
-
-    The gear's torque then does not act back through the ATE.
-    """
+    """Return the robot without the gear's reaction."""
     table = robot.axis[axis].model_copy(update={"gear_reaction": False})
     return robot.model_copy(update={"axis": {**robot.axis, axis: table}}), bench
 
@@ -102,7 +99,6 @@ def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, B
 
     Args:
         causes: Names of the causes, of `hil.results.runs.RemainderCause`.
-        end: End of the path.
         rerun: Tip with which the path ends on another robot.
     """
     robot, bench, axis, model, left_out = end.robot, end.bench, end.axis, end.model, end.left_out

@@ -63,7 +63,6 @@ def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[Cogg
     Args:
         eccentricity: Orders of the joint.
         cogging: Orders of the motor's torque.
-        torque_limit_nm: The most that the motor has.
 
     Raises:
         ValueError: The message names the order, or the torques.
@@ -83,9 +82,6 @@ def write_lines(
     Orders of the joint become orders m/N of the motor.
 
     Args:
-        eccentricity: Orders of the joint.
-        cogging: Orders of the motor's torque.
-        reduction_ratio: N.
         row: The record, changed in place.
     """
     row["is_eccentric"], row["is_cogging"] = float(bool(eccentricity)), float(bool(cogging))

@@ -34,10 +34,6 @@ def first_line(arm: ArmTable, limits: Sequence[JointLimits]) -> LineMotion | Non
     """Return a straight line from home that the arm can follow.
 
     The tool keeps its orientation. The result is None if there is no line of at least 10 cm.
-
-    Args:
-        arm: The arm.
-        limits: Limits of each joint, from the base on.
     """
     home, _ = Kinematics.of(arm).pose(arm.home_rad())
     for length_m in LINES_M:
@@ -58,7 +54,6 @@ def arm_ramp(axes: list[RobotAxis], fastest_rps: float, braking_rps_s: float) ->
     Args:
         axes: The axes of the arm, from the base on.
         fastest_rps: Speed that it must not pass.
-        braking_rps_s: Its deceleration.
     """
     carriers = axes[:CARRIERS]
     end = math.floor(10.0 * min(fastest_rps, LEAST_END * min(map(antiresonance_hz, carriers)))) / 10.0

@@ -38,12 +38,9 @@ SECOND_ORDER_END = 0.68
 def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: ArmTable | None = None) -> str:
     """Return the text of a bench file without a model.
 
-    It states ratios, levers, limits, gains, a copied notch and a motion.
-
     Gains are those of an integrator: the velocity loop from the rotor's inertia, K_pp from the resonance of the arm.
 
     Args:
-        robot: The robot.
         address: The bus; the robot's bit rate is added if its file states one.
         drawing: The arm as in the robot's own file if that names a URDF file, which the bench file names as well.
     """
@@ -79,10 +76,7 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
 
 
 def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
-    """Return the lines about an arm that an engineer knows.
-
-    They are its drawing and the intended place of the sensor; no masses, no misalignment.
-    """
+    """Return the lines about an arm that an engineer knows."""
     lines = []
     if mounting is not None:
         lines += ["", "[accelerometer.mounting]", *_given(mounting, "misalignment_deg")]
@@ -197,18 +191,12 @@ def _digits(value: float) -> float:
 
 
 def file_text(table: Table) -> str:
-    """Return a robot or a bench as the text of its file.
-
-    Default values are left out. Reading the text gives the same robot or bench.
-    """
+    """Return a robot or a bench as the text of its file."""
     return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
 
 
 def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:
-    """Return the lines of a table: plain values, then tables.
-
-    Small tables inside an axis stay on a line.
-    """
+    """Return the lines of a table: plain values, then tables."""
     inner = {key: value for key, value in values.items() if isinstance(value, dict) and name.count(".") < 1}
     plain = [f"{key} = {toml_value(value)}" for key, value in values.items() if key not in inner]
     lines = [f"[{name}]", *plain] if name and plain else plain

@@ -16,7 +16,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.bodies import Body, Inertia
 from hil.arm.masses import mass_matrix
@@ -25,9 +24,6 @@ from hil.arm.urdf import turning_joints, with_links
 from plant_emulator.robots.fleet import CONTROL_PERIOD_S, RANGES, Draws, accelerometer, driven, rounded
 from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
 from plant_emulator.trials.distributions import Distributions, Even, Logarithmic
-
-Real = NDArray[np.float64]
-
 
 ARM_RANGES: Distributions = {
     **RANGES,
@@ -78,10 +74,8 @@ def draw_drives(
     The arm's joints are axes 1, 2, … from the base on. The robot equals its file; `with_links_read` of it has the links.
 
     Args:
-        urdf: Path of the file.
         folder: Folder from which the path counts.
         home_deg: Joint angles at which the motors are at zero, one each, or none: all 0.
-        seed: Seed of all draws, and of the robot's own noise.
         tip_link: Link whose frame is that of the tip; None: the only one at the arm's end.
 
     Raises:
@@ -150,10 +144,7 @@ def _links(draws: Draws) -> ArmTable:
 
 
 def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmLink:
-    """Scale a link in length and mass.
-
-    The link before it is scaled by a factor of its own.
-    """
+    """Scale a link in length and mass."""
     body = link.body or Body(mass_kg=0.0)
     mass, inertia = rounded(heavier * body.mass_kg), body.inertia_kg_m2
     size = heavier * own**2
@@ -165,7 +156,6 @@ def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmL
 
 
 def _box(mass_kg: float, size_m: float) -> Inertia:
-    """Return the inertia of a cube."""
     moment = rounded(mass_kg * size_m**2 / 6.0)
     return Inertia(xx=moment, yy=moment, zz=moment)
 

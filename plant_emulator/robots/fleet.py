@@ -109,7 +109,6 @@ def draw(seed: int, ranges: Distributions = RANGES, *, kind: Kind = "any", axes:
 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
-        ranges: Distributions of the quantities.
         kind: Linear or real gear and drive; robots of equal seeds differ in nothing else.
         axes: Number of axes, 1 to 3.
 

@@ -109,7 +109,6 @@ def write_change(changes: Sequence[ErrorChange], error: TransmissionErrorTable, 
     """Write the ATE's changes and state at switch-on into an `AXIS` record.
 
     Args:
-        changes: Lines of the axis.
         error: Its transmission error when the gear is new.
         heat: Its temperature, and what that follows from.
         row: The record, changed in place; the axis' plant is in it already.

@@ -438,10 +438,7 @@ def load_robot(path: str | Path) -> Robot:
 
 
 def _has_arm(file: Path) -> bool:
-    """Return True for a file with a table [arm].
-
-    The result is False for a file that cannot be read; `load` then reports why.
-    """
+    """Return True for a file with a table [arm]."""
     try:
         return "arm" in tomllib.loads(read_file(file, "a TOML file", max_bytes=MAX_BYTES).decode("utf-8-sig"))
     except (FileError, ValueError, RecursionError):
@@ -449,10 +446,7 @@ def _has_arm(file: Path) -> bool:
 
 
 def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
-    """Return the axis with paths relative to the working directory.
-
-    They are those of its profile and EDS file; a bare name is a profile of the package.
-    """
+    """Return the axis with paths relative to the working directory."""
     changes = {}
     if "profile" in axis.model_fields_set:
         from drive_profiles.family.profile import is_name  # noqa: PLC0415 - slow to load, and our own drive has none
@@ -475,9 +469,7 @@ def with_drives(
     """Return a robot with other drives on some axes.
 
     Args:
-        robot: The robot of the file.
         profiles: Profile by axis: a name of the package or a path.
-        eds: Path of the drive's EDS file, by axis.
         store_time_s: Time for which all drives are silent while they store; None: as in the file.
         load_encoder_bits: Bits of a second encoder on every joint; None: as in the file.
 

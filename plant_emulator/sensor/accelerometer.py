@@ -54,7 +54,6 @@ class AccelerometerNode(SlaveNode):
     A sample is drawn once per SYNC, before the TPDOs are sampled, so that the noise is the same whatever else is asked.
 
     Args:
-        node_id: Its node-ID, 1 to 127.
         measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
         range_m_s2: Beyond it the status of the channel is "not valid".
         options: Options of the `Slave` underneath.

@@ -72,7 +72,6 @@ class EmulatedSerialAccelerometer:
 
     Attributes:
         due: The world's time of the next sample, in ns.
-        samples: Number of samples taken so far.
         write: Called with each frame; set it to the port's writer.
     """
 
@@ -80,7 +79,6 @@ class EmulatedSerialAccelerometer:
         """Make the sensor.
 
         Args:
-            robot: The robot whose accelerometer it is.
             rate_hz: Samples per second of the world's time.
             framing: A key of `FRAMES`.
         """

@@ -17,7 +17,6 @@ class PseudoTerminal:
     The other end is kept open here too, so that one who opens and closes the port finds the same device again, as behind USB.
 
     Attributes:
-        path: Path at which other programs open it.
         dropped: Writes that found no room.
     """
 
@@ -80,7 +79,6 @@ class PseudoTerminal:
         Returns False if there was no room.
 
         Args:
-            data: Bytes to write.
             must: Keep it although the bound is reached; the caller then bounds how often.
         """
         self.flush()
@@ -98,10 +96,7 @@ class PseudoTerminal:
                 del self._backlog[: os.write(self._device, self._backlog[:READ_BYTES])]
 
     def discard_after(self, end: bytes) -> None:
-        """Discard the waiting bytes after the first `end`.
-
-        The line that is partly sent is completed.
-        """
+        """Discard the waiting bytes after the first `end`."""
         del self._backlog[self._backlog.find(end) + len(end) :]
 
     def close(self) -> None:

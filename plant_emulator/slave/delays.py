@@ -57,10 +57,7 @@ class DelayedSlave(Slave):
 
     @property
     def due(self) -> int | None:
-        """Next instant at which `advance` must be called.
-
-        A timer runs out then, or a held frame is due.
-        """
+        """Next instant at which `advance` must be called."""
         times = [queue.frames[0][0] for queue in (self._tpdos, self._answers) if queue.frames]
         own = super().due
         if own is not None:

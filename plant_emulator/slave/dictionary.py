@@ -22,10 +22,7 @@ def _nothing(_: object) -> None:
 
 
 class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of which not each is an error
-    """A refused access, reported to the SDO client by its code.
-
-    It never leaves the slave package.
-    """
+    """A refused access, reported to the SDO client by its code."""
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -100,14 +97,8 @@ class Entry:
     Attributes:
         index: 0001h to FFFFh.
         subindex: 0 for a variable.
-        name: Name of the entry in the EDS.
         data_type: Decides the length on the bus.
-        access: Access of an SDO.
-        default: Value after a reset.
-        low: Lowest value that may be written, or None.
-        high: Highest value that may be written, or None.
         mappable: True if a PDO may carry the entry; in which direction follows from `access`.
-        record_name: Name of the array or record that the entry belongs to.
         object_type: ARRAY or RECORD; left out, an object with sub-indices is a RECORD.
         node_relative: The default is `default` plus the node-ID (``$NODEID+`` in an EDS).
 
@@ -176,10 +167,7 @@ class Entry:
         return self.default
 
     def refusal(self, value: Any) -> SdoAbortCode | None:
-        """Return the reason why a value is refused, or None.
-
-        The value must have the right type.
-        """
+        """Return the reason why a value is refused, or None."""
         if self.data_type.is_real and not math.isfinite(value):
             return SdoAbortCode.INVALID_VALUE
         if self.high is not None and value > self.high:
@@ -207,7 +195,6 @@ class Cell:
     Attributes:
         is_guarded: True if the entry refuses some values of its type.
         value: The present value; the owner may set it directly, unchecked. It does not count where there is a read hook.
-        read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
     """
 
@@ -263,7 +250,6 @@ class SharedCell(Cell):
     """Cell whose value lies in an array that others read and write.
 
     Args:
-        entry: The entry.
         values: Whole numbers of that array.
         place: Which of them is the value.
     """

@@ -36,8 +36,6 @@ class EmergencyProducer:
 
     Args:
         dictionary: Must have 1001h, 1003h with as many sub-indices as the history is long, 1014h and 1015h.
-        send: Takes each frame.
-        clock: Gives the node's time.
         changed: Called when `due` has become another.
     """
 

@@ -23,9 +23,6 @@ class ErrorControl:
     Args:
         dictionary: Must have 100Ch, 100Dh, 1016h and 1017h.
         emergency: Producer that reports lost and found nodes.
-        send: Takes each frame.
-        clock: Gives the node's time.
-        state: Gives the node's NMT state.
         lost: Called with the number of a watched node, or `MASTER`.
         rerouted: Called when `routes` has become another.
         rescheduled: Called when `due` has become another by a frame.

@@ -85,7 +85,6 @@ class LssSlave:
         state: Waiting, or in configuration.
         stored: Node-ID after the next loss of power.
         pending: Node-ID after the next reset of communication.
-        active: Node-ID now.
         bit_rate: Configured bit rate in bit/s, or None before any has been; no more than a wish: the wire is the owner's.
         stored_bit_rate: Bit rate that the node keeps without power.
         on_bit_rate: Called with the bit rate to be activated and the switch delay in ms: that long the owner waits before he

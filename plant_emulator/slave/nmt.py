@@ -65,7 +65,6 @@ class HeartbeatProducer:
 
     Args:
         dictionary: Must have 1017h.
-        clock: Gives the node's time.
         changed: Called when heartbeats may begin or end.
     """
 
@@ -79,10 +78,7 @@ class HeartbeatProducer:
         self._set_period(self._dictionary.get_int(PRODUCER_TIME))
 
     def is_due(self, now: int) -> bool:
-        """Return True if a heartbeat is due now.
-
-        A late caller gets one heartbeat, not a burst.
-        """
+        """Return True if a heartbeat is due now."""
         if self.due is None or now < self.due:
             return False
         self.due = self._next(now)

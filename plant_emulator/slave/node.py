@@ -57,11 +57,9 @@ class Slave:
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
         store_commands: Entries that store or restore; those that the dictionary does not have are left out.
-        store_time_ns: Duration of storing.
         autostart: The node becomes operational by itself after its boot-up message.
 
     Attributes:
-        store: Store of the values that survive a loss of power.
         emergencies: The active errors, by causes that their owner names; their frames go out with the next ones.
         lss: The LSS slave, with the node-ID that an LSS master has configured.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
@@ -166,17 +164,11 @@ class Slave:
 
     @property
     def waits_for_changes(self) -> bool:
-        """True if there are event-driven TPDOs.
-
-        `advance` must then be called when the owner may have changed an object.
-        """
+        """True if there are event-driven TPDOs."""
         return bool(self._pdo.event_driven)
 
     def listens(self, can_id: int) -> bool:
-        """Return True if the node processes frames of this identifier.
-
-        Other frames need not be passed to the node before `due`.
-        """
+        """Return True if the node processes frames of this identifier."""
         return can_id in self._routes
 
     @property
@@ -206,10 +198,7 @@ class Slave:
         self._now = now
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or restart after a loss of power.
-
-        The node resets to the stored values, sends its boot-up message and becomes pre-operational.
-        """
+        """Start, or restart after a loss of power."""
         self._set_time(now)
         self._out.clear()
         self._reset(ResetKind.NODE)
@@ -254,10 +243,7 @@ class Slave:
         return self.take_frames()
 
     def take_frames(self) -> list[Frame]:
-        """Return the frames that wait to be sent.
-
-        `receive` and `advance` call this method themselves.
-        """
+        """Return the frames that wait to be sent."""
         frames, self._out = self._out, []
         return frames
 

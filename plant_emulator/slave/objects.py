@@ -73,7 +73,6 @@ class PdoDefault:
     Attributes:
         mapped: The objects that it carries: index, sub-index, length in bits.
         transmission_type: 255 is event-driven, 1 each SYNC.
-        inhibit_time: Inhibit time of a TPDO, in multiples of 100 µs.
         event_timer_ms: Longest silence of a TPDO, or deadline of an RPDO; 0 is none.
         is_valid: True if the PDO exists; left out, PDO 1 and 2 do.
     """

@@ -42,8 +42,6 @@ class StoreCommand:
     """One entry that stores or restores when its signature is written.
 
     Attributes:
-        address: Index and sub-index.
-        signature: Value that must be written.
         is_restore: "load" rather than "save".
         indices: The objects that it concerns.
     """
@@ -93,7 +91,6 @@ class ParameterStore:
     Args:
         dictionary: Must have the entries of the commands.
         commands: Those whose entries the dictionary does not have are left out.
-        time_ns: Duration of storing.
 
     Attributes:
         time_ns: Duration of storing; the SDO answer comes when it is over. A node that is stopped or reset before that

@@ -20,10 +20,7 @@ def linear_plant(axis: RobotAxis) -> TwoInertia:
 
 
 def frozen_laws(loop: Loop, speeds_rps: Iterable[float]) -> list[Block]:
-    """Return the law with its filters frozen at each speed.
-
-    Laws of equal size are one stack: filters that do not act at a speed are left out there.
-    """
+    """Return the law with its filters frozen at each speed."""
     by_size: dict[int, list[Block]] = {}
     for speed in speeds_rps:
         block = loop.law_block(float(speed))

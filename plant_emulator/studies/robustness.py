@@ -22,6 +22,7 @@ from hil.analysis import (
     tip_scale,
     without_phase,
 )
+from hil.control.arrays import Real
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.frequency import Block, Loop
@@ -43,8 +44,6 @@ from plant_emulator.studies.spread import (
 )
 from plant_emulator.trials.executors import CRASHED_WORDS, Executors, run_all
 from plant_emulator.trials.rows import Row, numbers
-
-Real = NDArray[np.float64]
 
 WINDOW_SAMPLES = 16
 """Fewer samples in the window than this are not a run through it."""
@@ -120,11 +119,8 @@ class Study:
     """Runs of one experiment over many plants.
 
     Attributes:
-        robot: The robot that its file describes.
         axis: The axis of a constant-acceleration run, or None for the line motion.
-        controls: Gains by axis.
         notches: Filters by axis; none for an axis that is left out.
-        spread: Reach of each unknown.
         seed: Equal seeds give equal plants, whatever the number of processes.
         tip_mm: The specification of a constant-acceleration run, and of a line motion without filters.
         area_reduction_percent: The specification of a line motion with filters.
@@ -190,10 +186,7 @@ class Study:
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """All unknowns, by the names of their columns.
-
-        If several axes move, the name begins with the axis' number.
-        """
+        """All unknowns, by the names of their columns."""
         found = []
         for number in self.axes:
             before = f"axis{number}_" if len(self.axes) > 1 else ""
@@ -202,10 +195,7 @@ class Study:
         return (*found, *SENSOR_UNKNOWNS)
 
     def _targets(self) -> tuple[Real, Real]:
-        """Return times and set-points in counts, shape (n, axes).
-
-        The motion ends in a rest that is long enough for the judgement.
-        """
+        """Return times and set-points in counts, shape (n, axes)."""
         robot = self.robot
         for name in ("constant_acceleration", "line_motion"):
             motion = getattr(robot, name)
@@ -293,10 +283,7 @@ class Study:
         return DrawnPlant(values | mine, robot), source
 
     def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
-        """Drop the lag of a current loop that settles too fast.
-
-        The plant's solver cannot follow a loop that settles within one of its steps.
-        """
+        """Drop the lag of a current loop that settles too fast."""
         if axis.current_time_constant_s >= self.robot.control_period_s / self.robot.plant_substeps:
             return axis
         return axis.model_copy(update={"current_time_constant_s": 0.0})
@@ -390,10 +377,7 @@ class Study:
         return np.asarray(np.max(np.abs(reached - motion.run.position_counts), axis=0) / counts)
 
     def _residual(self, motion: SimulatedMotion, faults: list[str]) -> float:
-        """Return the true vibration at the end, in mm.
-
-        Signs of an unstable loop are added to the faults.
-        """
+        """Return the true vibration at the end, in mm."""
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
         f_al, period_s = motion.f_al_hz, self.robot.sync_period_s
         swing = 1e3 * without_phase(motion.run.tip_m_s2[:, 2], period_s, "highpass", tip_scale(f_al).band_hz[0])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drive_profiles.standard.units import Scaling, real32
 from hil.arm.line import arm_line
+from hil.control.arrays import Real
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.trajectory import sample_times
@@ -17,8 +18,6 @@ from hil.robot_tables import Control, NotchShape
 from plant_emulator.motion.axes import Axes, FollowedRun
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.robot import Robot
-
-Real = NDArray[np.float64]
 
 SETTLE_S = 0.5
 """Rest of the axes before a motion."""
@@ -34,9 +33,6 @@ class Simulation:
         time_s: Shape (n,).
         axes: The axes that moved, in the order of the columns below.
         reference_counts: Set-points; shape (n, axes).
-        position_counts: Encoders; shape (n, axes).
-        arm_angle_rad: True arm angles; shape (n, axes).
-        torque_nm: Motor torques; shape (n, axes).
         tip_acceleration_m_s2: Acceleration (X, Y, Z) of the tip as the accelerometer passes it on, without noise; shape (n, 3).
     """
 
@@ -102,10 +98,6 @@ def simulate(
     Set-points are rounded to counts and gains to single precision, as they are when they cross the bus.
 
     Args:
-        robot: The robot.
-        axis: The axis of a constant-acceleration run, or None for the line motion.
-        controls: Gains by axis.
-        notches: Filters by axis; none for an axis that is left out.
         sync_period_s: A whole number of control periods.
         settle_s: Rest of the axes before the motion begins.
 

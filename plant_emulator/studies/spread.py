@@ -89,10 +89,8 @@ class Unknown:
 
     Attributes:
         name: Column of the table of draws; its unit is in the name, a factor has none.
-        key: Key of the spread that holds its reach.
         kind: `factor` (log-uniform about 1), `up_to`, `either` (uniform in both directions), `circle` (any angle, in degrees) or
             `switch` (0 or 1).
-        label: Name for readers.
     """
 
     name: str
@@ -166,10 +164,7 @@ Values = Mapping[str, float]
 
 
 def drawn(unknowns: tuple[Unknown, ...], spread: PlantSpread, generator: np.random.Generator) -> dict[str, float]:
-    """Draw a value for each unknown, by name.
-
-    Each takes one number of the generator, even if it is constant.
-    """
+    """Draw a value for each unknown, by name."""
     return {unknown.name: float(unknown.distribution(spread).draw(generator)) for unknown in unknowns}
 
 
@@ -206,10 +201,7 @@ def drawn_axis(axis: RobotAxis, values: Values) -> RobotAxis:
 
 
 def _drawn_error(axis: RobotAxis, values: Values) -> dict[str, float]:
-    """Return the changed fields of the ATE.
-
-    An added 1st order is summed with the file's as a phasor.
-    """
+    """Return the changed fields of the ATE."""
     ate = axis.ate
     first = _phasor(ate.a1_arcsec, ate.phi1_deg) + _phasor(values["a1_arcsec"], values["phi1_deg"])
     return {

@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from plant_emulator.studies.robustness import RESULTS, Study
 from plant_emulator.studies.spread import Unknown
 from plant_emulator.trials.rows import Row, Value, csv_text, numbers, text
 from plant_emulator.trials.statistics import CONFIDENCE, RunFraction, percentiles, run_fraction
-
-Real = NDArray[np.float64]
 
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 FEWEST_RUNS = 20
@@ -28,10 +26,8 @@ class Influence:
     """Influence of one unknown on the result.
 
     Attributes:
-        label: Name for readers.
         correlation: Spearman's rank correlation; of an angle, unsigned, the multiple one with its cosine and sine.
         low: Lower end of its 95 % interval.
-        high: Upper end.
         p_value: Probability of such a correlation by chance.
         coefficient: Standardised regression coefficient: by how many standard deviations the result moves with one of the
             unknown, all others held; of an angle unsigned. None with too few runs.
@@ -56,7 +52,6 @@ class Summary:
         judged: Every run, by index.
         nominal: The robot of the file.
         meeting: Stable and within the specification.
-        stable: Without a fault.
         faults: Number of runs with each fault.
         percentiles: Percentiles of the results, by percent.
         influences: The unknowns that are open, the strongest first.

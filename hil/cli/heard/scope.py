@@ -1,7 +1,4 @@
-"""`hil scope`: a live page of a bus, or of recordings.
-
-It is available on this machine only.
-"""
+"""`hil scope`: a live page of a bus, or of recordings."""
 
 # ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
 

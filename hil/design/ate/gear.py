@@ -13,11 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.core.library import CORE
 from hil.design.ate.ripple import NO_RIPPLE, Ripple
 from hil.design.transmission_error import motor_speed_rps
-
-Real = NDArray[np.float64]
 
 STEPS_PER_RADIAN = 2.0
 """Accuracy: steps per radian of the fastest vibration: a Runge-Kutta step of order 4 turns it by 3e-4 rad too little (h⁵/120)."""
@@ -35,8 +34,6 @@ class GearLaw:
 
     Attributes:
         resonance_hz: Resonance ω/2π at large torsions, the motor held and without hysteresis.
-        damping: Damping ratio ζ of gear and arm.
-        gear_fraction: Fraction of ζ that is the gear's.
         softness: r, fraction of the stiffness that is missing at small torsions.
         wind_up_rad: ψ_s, torsion over which it comes back.
         hysteresis_rad: F/K_g, torsion that carries Dahl's friction.
@@ -113,7 +110,6 @@ class GearLaw:
         Args:
             base_rad: θ_m/N + θ_sync at every half step; shape (2 n + 1,).
             speed_rad_s: Its rate of change, of the same shape.
-            step_s: Step of the integration.
             wound: Dahl's friction over F at rest, which the motions before have left.
             ahead_rad: Phasor of the arm's ringing at the beginning: Re[ahead e^{jωt}] in a linear gear.
 
@@ -153,8 +149,6 @@ class BaseMotion:
     It is the spline through the measured motor angle, but for its ripple, with the waves of some orders.
 
     Attributes:
-        per_sample: Integration steps in a sample.
-        step_s: Step of the integration.
         rigid: θ_m/N in rad, and its rate; shape (2, 2 n + 1).
         waves: cos kθ_m and −sin kθ_m of each order k, and their rates; shape (2, 2 orders, 2 n + 1).
     """
@@ -178,9 +172,6 @@ class BaseMotion:
 
         Args:
             motor_angle_rad: θ_m, equally spaced; shape (samples,).
-            period_s: Sampling period.
-            reduction_ratio: Reduction ratio N.
-            orders: Orders k.
             fastest_hz: Fastest vibration that the steps resolve.
             ripple: Ripple of the motor that its samples show at another frequency.
         """

@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
@@ -39,9 +39,6 @@ from hil.design.frequency import MOUNTING_HZ, RESONANCE_BAND
 from hil.design.modes.problem import LARGEST_ZETA, SMALLEST_ZETA
 from hil.design.plant_problem import SMOOTHED_LINES
 from hil.design.transmission_error import TransmissionError
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 LARGEST_ENCODER = 13.0
 """Bound: an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
@@ -106,7 +103,6 @@ def priors(weight: Weight, resonance_hz: float) -> dict[str, Prior]:
     falls as 1 − ½ (f/f_c)⁴.
 
     Args:
-        weight: Weight of the arm.
         resonance_hz: A resonance near the arm's own.
     """
     return {
@@ -142,9 +138,6 @@ class GearEstimate:
 
     Attributes:
         mean: Unknowns, `SHARED` first, then A_k cos φ_k and A_k sin φ_k of each order in rad.
-        covariance: Their covariance.
-        orders: Orders k.
-        law: The gear.
         torsion_rad: Largest amplitude of the gear's torsion in the ramps.
         arm: f_a in Hz and ζ of a vibration of that amplitude, as a function of the unknowns.
         postures_hz: Standard deviation of f_a between the arm angles of the ramps.
@@ -202,11 +195,9 @@ class GearFit:
 
     Args:
         sweeps: Ramps in both directions.
-        reduction_ratio: Reduction ratio N.
         sensing: The kind of signal: that of an accelerometer.
         start: An arm near the true one.
         error: A transmission error near the true one.
-        weight: Weight of the arm.
     """
 
     def __init__(
@@ -421,8 +412,6 @@ class GearFit:
         """Rounds of scoring and noise from some unknowns.
 
         Args:
-            p: The unknowns.
-            rounds: Most rounds.
             least_gain: Gain in log-likelihood below which a step or a round is the last.
         """
         left, moved = self._left(p)
@@ -508,8 +497,6 @@ def on_its_gear(
 
     Args:
         estimate: Estimate with a linear arm, from which the fit starts.
-        sweeps: The recordings.
-        reduction_ratio: Reduction ratio N.
         sensing: The kind of signal: that of an accelerometer.
         weight: Weight of the arm; None if it is not known.
     """

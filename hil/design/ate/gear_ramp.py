@@ -6,16 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import BaseMotion, GearLaw
 from hil.design.ate.model import Arm, Sweep, resolution_rad
 from hil.design.ate.rest import variance_at_rest
 from hil.design.ate.ripple import Ripple
 from hil.design.transmission_error import motor_speed_rps
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 GEAR_BAND = (0.3, 2.1)
 """Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
@@ -57,10 +54,6 @@ class Setting:
     beginning: z/F, and both parts of the phasor with which the arm rings.
 
     Attributes:
-        reduction_ratio: N.
-        lever_m: Tip lever.
-        orders: Orders k.
-        band_hz: Band of the fit.
         ripple: Ripple of the motor beyond half of the sampling rate.
     """
 
@@ -129,7 +122,6 @@ class Ramp:
     """A recording: its motion, and its spectra in the band, one for each direction.
 
     Args:
-        sweep: The recording.
         setting: What all ramps share.
         begins_at: Place of the first unknown of this ramp's beginning.
         every: One of so many samples is kept.

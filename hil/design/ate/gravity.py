@@ -5,13 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.design.ate.model import Sweep
 from hil.design.ate.reaction import averaged
 from hil.design.order_map import SLOWEST_RPS
-
-Real = NDArray[np.float64]
 
 MEAN_S = 0.1
 """Accuracy: width of the mean over which torque and motion are slow: a factor of 2 changes estimates by 0.01, errors by 6 %."""
@@ -27,7 +24,6 @@ class Weight:
 
     Attributes:
         values_rad_s2: (g_c, g_s).
-        errors_rad_s2: Their standard errors.
     """
 
     values_rad_s2: tuple[float, float]
@@ -41,7 +37,6 @@ def weight_of(sweeps: Sequence[Sweep], reduction_ratio: float, arm_inertia: tupl
 
     Args:
         sweeps: Recordings with the motor's torque.
-        reduction_ratio: Reduction ratio N.
         arm_inertia: J_l in kg·m² and its standard error; None if it is not known, and is taken from the whole inertia.
 
     Returns:

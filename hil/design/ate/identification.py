@@ -27,9 +27,9 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.order_keys import amplitude_key, order_keys, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import misfit, noise_variance, structured_power
@@ -40,8 +40,6 @@ from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter, inverse
 from hil.design.ringing import DAMPINGS
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
-
-Real = NDArray[np.float64]
 
 SEARCH_HZ = (4.0, 35.0)
 """Bound: resonances among which an unknown arm is searched: arms ring at 4 to 30 Hz."""
@@ -74,8 +72,6 @@ class Agreement:
 
     Attributes:
         name: `a2_arcsec`, `phi2_deg` …
-        forward: Value from the ramps in which the motor turns forwards.
-        backward: Value from the ramps in which it turns backwards.
         sigma: Difference of both over the standard error that noise gives it.
     """
 
@@ -101,18 +97,13 @@ class JointEstimate:
     goes straight into A_k, nor of a wrong zero of the motor angle, which goes into φ_k.
 
     Attributes:
-        orders: Orders k.
         values: A_k in arcsec and φ_k in degrees (0 ≤ φ_k < 360°) of each order, and the sensor's delay if the arm was simulated
             on its gear, by the model file's names.
         arm: Arm with its ω, ζ and the delay Δ.
-        arm_error: Standard errors of ω, ζ and Δ.
         residual: Root mean square of the residual in the band, in the signal's unit.
         explained: Fraction of the signal's band-passed power that the model explains, 0 … 1.
         explained_by_error: Fraction by which θ_sync lowers the residual power of a model without it.
         motion_scale: Factor that the motor's own motion has in the signal, 1 where N and g are right; estimated beside the rest.
-        motion_scale_error: Standard error of `motion_scale`.
-        agreement: The two directions against each other.
-        band_hz: Pass band of the fit.
         miss: Part of the strongest order's vibration that the model misses.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
         gear: The gear on which the arm was simulated; None for a linear one.
@@ -176,10 +167,8 @@ def identify(
 
     Args:
         sweeps: Recordings with at least one ramp in each direction, through the resonance with every order.
-        reduction_ratio: Reduction ratio N.
         sensing: The kind of signal in the recordings.
         start: An arm to start from beside those searched over `SEARCH_HZ`; it may be wrong.
-        orders: Orders k of the error.
         is_near: True for a start from an estimate of most of these recordings: nothing is searched.
 
     Raises:
@@ -255,10 +244,7 @@ def _model_around(
 def _search(
     sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[float, ...], start: Arm | None
 ) -> Arm:
-    """Search arm and delay over a grid.
-
-    Each direction is fitted alone at first; then the delay is searched more finely with the directions together.
-    """
+    """Search arm and delay over a grid."""
     top = 0.3 / max(sweep.period_s for sweep in sweeps)
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
     band = (0.8 * low, min(1.2 * high, 1.2 * top))
@@ -371,7 +357,6 @@ def polar(orders: Sequence[float], components: Real, covariance: Real, others: t
         orders: Orders k; n of them.
         components: A_k cos φ_k and A_k sin φ_k of each in rad, and m other quantities, which stay; shape (2 n + m,).
         covariance: Their covariance; shape (2 n + m, 2 n + m).
-        others: Names of the other quantities.
     """
     mean, slope = components.copy(), np.eye(len(components))
     for at in range(0, 2 * len(orders), 2):

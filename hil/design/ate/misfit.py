@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 LEAST_MISSED = 3e-4
 """Measured: least part of a vibration that steps, spline and the sensor's filter miss. On 95 robots (10142 to 10241) the rms of z

@@ -14,11 +14,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.frequency import TwoInertia
 from hil.design.transmission_error import TransmissionError, acceleration_spectrum, shown_error, shown_waves
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Signs = NDArray[np.int8]
 
 GEAR_FRACTION = 0.9
@@ -44,7 +43,6 @@ class Sweep:
     Attributes:
         motor_angle_rad: θ_m, equally spaced; shape (n,).
         signal: The tip acceleration in m/s², or the motor torque in N·m, sampled with it; shape (n,).
-        period_s: Sampling period.
         direction: +1 where the motor speeds up forwards, −1 backwards, 0 for samples that do not count; shape (n,).
         torque_nm: Torque of the motor beside a tip acceleration, which shows the arm's weight; None if it is not known.
         late: Samples of θ_m that were taken late, and are moved back in time.
@@ -69,7 +67,6 @@ class Sensing:
         motor_inertia_kg_m2: J: 0 for the tip, J_m for the motor torque. Left free it would take A_k 5 % with it, since the
             motor moves as θ_sync makes it; 5 % wrong it changes A_k by 0.3 %.
         delay_from_s: Least delay of the signal behind the motor angle that is searched.
-        delay_to_s: Largest delay that is searched.
     """
 
     gain: float
@@ -82,11 +79,8 @@ class Sensing:
 class OtherMode:
     """Mode of a coupled arm beside the one that is fitted.
 
-    Its values are those of the plant.
-
     Attributes:
         resonance_hz: Its frequency, with the motor held.
-        damping: Its damping ratio.
         part: Part of the tip's rigid motion that it carries.
     """
 
@@ -144,12 +138,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a signal, from sensor and encoder rounding behind the arm.
-
-    Attributes:
-        arm: The arm.
-        sensor_variance: Variance of the sensor's white noise.
-    """
+    """Noise of a signal, from sensor and encoder rounding behind the arm."""
 
     arm: Arm
     sensor_variance: float
@@ -160,10 +149,7 @@ class Noise:
 
 
 class SweepModel:
-    """Model of one recording.
-
-    The transforms are computed once; then each arm takes one inverse transform.
-    """
+    """Model of one recording."""
 
     def __init__(
         self,
@@ -311,10 +297,7 @@ class RampsModel:
         return unknowns, self.signal - motion - matrix @ unknowns
 
     def difference(self, more: Arm, less: Arm, unknowns: Real) -> Real:
-        """Difference of all recordings with two arms; shape (n,).
-
-        It takes one transform instead of one for each unknown: what slopes by the arm are made of.
-        """
+        """Difference of all recordings with two arms; shape (n,)."""
         return np.concatenate([part.difference(more, less, unknowns) for part in self._parts])
 
     def block(self, frequency_hz: float, periods: float = 3.0) -> int:
@@ -349,10 +332,7 @@ class RampsModel:
         return [np.asarray(each) for each in np.split(values, ends)]
 
     def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
-        """Power of the residual by delay, each direction with its own orders.
-
-        The signal is put forward instead of the model back, so the columns are made once for all delays.
-        """
+        """Power of the residual by delay, each direction with its own orders."""
         motion, matrix = self.columns(replace(arm, delay_s=0.0))
         totals = np.zeros(len(delays_s))
         for direction in (1, -1):
@@ -371,7 +351,6 @@ class RampsModel:
         return [float(total) for total in totals]
 
     def _rows_of(self, direction: int) -> NDArray[np.intp]:
-        """Rows of a direction."""
         if direction not in self._direction_rows:
             self._direction_rows[direction] = np.flatnonzero(self.directions == direction)
         return self._direction_rows[direction]
@@ -392,10 +371,7 @@ class RampsModel:
 
 
 def least_squares(matrix: Real, wanted: Real) -> Real:
-    """Solve a least-squares problem by normal equations on scaled columns.
-
-    It suits few well-separated unknowns and many thousand rows, with one or more right sides.
-    """
+    """Solve a least-squares problem by normal equations on scaled columns."""
     scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale
     found = pseudo_inverse(scaled.T @ scaled) @ (scaled.T @ wanted)

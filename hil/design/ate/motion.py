@@ -13,12 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.ate.model import Arm, Sensing, Sweep, levelled, resolution_rad
 from hil.design.transmission_error import acceleration_spectrum, shown_waves
-
-Real = NDArray[np.float64]
 
 BELOW_RESONANCE = (0.08, 0.35)
 """Accuracy: band of the fit by the arm's frequency; at its end a gear that is 30 % softer than thought is felt with 6 %."""

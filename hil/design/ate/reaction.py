@@ -20,13 +20,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimation import FAR_SIGMAS, PROBABILITY
 from hil.design.frequency import Loop
 from hil.design.order_map import STEP, order_tracks
 from hil.design.transmission_error import TransmissionError
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
@@ -88,7 +86,6 @@ class Turning:
     Attributes:
         motor_angle_rad: θ_m, equally spaced; shape (n,).
         torque_nm: Motor torque, sampled with it; shape (n,).
-        period_s: Sampling period.
     """
 
     motor_angle_rad: Real
@@ -154,7 +151,6 @@ def felt_as(loop: Loop, order: float, frequency_hz: Real, way: Real, load_nm: Re
 
     Args:
         loop: Law and motor.
-        order: Order k.
         frequency_hz: Frequency k f_m above 0; shape (n,).
         way: Direction of turning, of which the sign counts; shape (n,).
         load_nm: Torque τ_g of the gear; shape (n,).
@@ -168,8 +164,6 @@ def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: Transmiss
     """Estimate the reaction r with its standard error.
 
     Returns None if no motion turns slowly enough to show it.
-
-    The motions are without a cancellation.
     """
     orders = tuple(order for order, size in error.amplitude_arcsec.items() if size > 0.0)
     if not orders:

@@ -8,13 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.ate.model import Arm, RampsModel, least_squares
 from hil.design.estimation import EVALUATIONS, inverse
 from hil.design.frequency import MOUNTING_HZ
-
-Real = NDArray[np.float64]
 
 LARGEST_BEND = 0.17
 """Bound: a mounting that resonates at 2.4 times the arm's frequency."""
@@ -121,8 +119,6 @@ def slopes_by_arm(model: RampsModel, arm: Arm, unknowns: Real) -> Real:
 
 def projected_slopes(model: RampsModel, arm: Arm) -> Real:
     """Slopes by the arm after projection on the linear unknowns.
-
-    At the minimum they are the residual's slopes with the opposite sign.
 
     That of the linear unknowns themselves is left out, which is of second order; the gradient of the power is exact.
 

@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.ate.ripple import stretches
-
-Real = NDArray[np.float64]
 
 STANDING = 1e-3
 """Accuracy: speed over the largest one below which the motor stands: a factor of 2 changes 0.1 at most, errors by 5 %."""

@@ -16,14 +16,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.ate.model import Sweep
 from hil.design.estimation import ROUNDING
 from hil.design.frequency import OF_SAMPLING
 from hil.design.ringing import RINGING
 from hil.design.transmission_error import motor_speed_rps
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SPLINED = 0.3
 """Frequency over the sampling rate up to which the spline through the samples is kept; from `OF_SAMPLING` on c_k replaces it."""
@@ -44,7 +42,6 @@ class Ripple:
     """Coefficients C of each order that exceeds half of the sampling rate.
 
     Attributes:
-        period_s: Sampling period T.
         waves: C in rad by order, forwards and backwards; shape (2, powers).
     """
 
@@ -59,8 +56,6 @@ class Ripple:
         splines. Recordings with different sampling periods get no ripple.
 
         Args:
-            sweeps: The recordings.
-            orders: Orders of the transmission error.
             resonance_hz: The arm's resonance f_a.
             top_hz: Frequency from which on an image does no harm, at most 1/(2T).
         """

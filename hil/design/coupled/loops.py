@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hil.control.arrays import Complex, Real
 from hil.control.notch import Notch
 from hil.design.coupled.structure import Structure, closed
-from hil.design.frequency import Complex, Loop, Real
+from hil.design.frequency import Loop
 from hil.design.speed_margins import OpenLoops, SpeedMargins, looked_at_hz, widened
 
 FINE_HZ = 45.0
@@ -44,7 +45,6 @@ class ArmCase:
 
     Attributes:
         label: Both in words: `at the end of the line, other motors held`.
-        structure: The arm in the posture.
         own: The motor whose loop is judged.
         others: Axes whose loops are closed; those that are neither here nor the own one have their motors held.
     """
@@ -55,10 +55,7 @@ class ArmCase:
     others: tuple[Other, ...] = ()
 
     def pole_radius(self, law: Loop, speed_rps: float) -> float:
-        """Largest |z| with all loops closed.
-
-        The own filters are frozen at a motor speed.
-        """
+        """Largest |z| with all loops closed."""
         laws = {other.motor: other.loop.law_block(other.speed_rps) for other in self.others}
         laws[self.own] = law.law_block(speed_rps)
         free = {row: laws[motor] for row, motor in enumerate(sorted(laws))}
@@ -71,8 +68,6 @@ class ArmCase:
 
     def angle_per_torque(self, frequency_hz: Real, receptance: Complex | None = None) -> Complex:
         """Angle of the own motor per torque.
-
-        The other motors are held or under their laws.
 
         Args:
             frequency_hz: Frequencies; shape (m,).
@@ -115,7 +110,6 @@ class ArmFamily:
 
     Attributes:
         law: The loop without filters.
-        cases: The cases.
     """
 
     def __init__(self, law: Loop, cases: Sequence[ArmCase], step: float) -> None:
@@ -129,10 +123,7 @@ class ArmFamily:
         self._open = OpenLoops(law, frequency, law.controller(frequency) * np.array(angles))
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Compute the margins of every case.
-
-        The own filters are frozen at each speed; rows are those of `cases`.
-        """
+        """Compute the margins of every case."""
         return self._open.margins(notches, speeds_rps)
 
     def worst_pole(self, notches: Sequence[Notch], limit_rps: float) -> tuple[float, float, str]:
@@ -144,7 +135,6 @@ class ArmFamily:
 
         Args:
             notches: The own filters.
-            limit_rps: Highest motor speed.
         """
         wide = tuple(widened(notch) for notch in notches)
         inside = [np.linspace(notch.start_rps, min(notch.end_rps, limit_rps), POLE_SPEEDS) for notch in wide]

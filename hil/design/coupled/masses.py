@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.control.arrays import Real
 from hil.design.estimation import DIFFERENCE_STEP, EVALUATIONS, PROBABILITY, ROUNDING
-from hil.design.frequency import Real
 
 RANK_TOLERANCE = 1e-5
 """Accuracy: singular value over the largest, unknowns scaled alike, below which postures do not determine a combination."""
@@ -47,9 +47,7 @@ class FeltMode:
         posture: Number of the posture.
         joint: Row of the joint in the mass matrix.
         frequency_hz: Its dip.
-        frequency_error_hz: Standard error.
         inertia_kg_m2: Its effective inertia about the joint.
-        inertia_error_kg_m2: Standard error.
     """
 
     posture: int
@@ -97,10 +95,7 @@ class MassFit:
         basis: Base parameters in terms of θ, as columns; shape (parameters, base).
         unknowns: β, in units of its size, and ln K; shape (base + n,).
         size: Size of β.
-        covariance: Covariance of the unknowns.
-        misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
         residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
-        best: Row of the posture of the workspace that would add most information.
     """
 
     basis: Real
@@ -200,10 +195,7 @@ def fit_masses(regressors: Real, felt: Sequence[FeltMode], workspace: Real, made
 
 
 def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Real) -> tuple[Any, float]:
-    """Choose the best of some fits, and its size of β.
-
-    The fits start from the made-up masses and from variations of them.
-    """
+    """Choose the best of some fits, and its size of β."""
     generator, found = np.random.default_rng(1), []
     for number in range(MOST_STARTS):
         links = np.exp(START_SPREAD * generator.standard_normal(len(made_up) // PER_BODY)) if number else np.ones(1)
@@ -285,10 +277,7 @@ def _slopes(function: Callable[[Real], Real], x: Real) -> Real:
 
 
 def _most_telling(x: Real, around: Real, size: float, information: Real) -> int:
-    """Find the posture whose modes would add most information.
-
-    All its modes are assumed to be measured with their least errors. Returns its row.
-    """
+    """Find the row of the posture whose modes would add most information."""
 
     def told(y: Real) -> Real:
         values = []

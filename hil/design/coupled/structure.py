@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.frequency import Block, Complex, Real, TwoInertia, closed_loop, held
+from hil.control.arrays import Complex, Real
+from hil.design.frequency import Block, TwoInertia, closed_loop, held
 
 
 def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
@@ -28,7 +29,6 @@ def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
 
     Args:
         receptance: R; shape (motors, motors, m).
-        motor: The motor.
         law: C = −τ/θ of it; shape (m,).
     """
     column, row, own = receptance[:, motor], receptance[motor], receptance[motor, motor]

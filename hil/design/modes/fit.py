@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimation import DIFFERENCE_STEP, SURE_SIGMAS, EstimatedMode, EstimatedParameter, inverse
-from hil.design.frequency import LIKELY_DAMPING, Complex, Real
+from hil.design.frequency import LIKELY_DAMPING
 from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
 from hil.design.plant_identification import Descents, PlantEstimate, enlargement, estimate_of
 from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
@@ -57,8 +58,6 @@ def fit_modes(
     Args:
         data: Spectra of the main run's periods.
         timing: Sampling times, and the law inside the drive.
-        reduction_ratio: Reduction ratio N.
-        lever_m: Tip lever L.
         gravity_nm_rad: Slope of the gravity moment.
         single: The plant with one mode, fitted to the same data.
         most: Largest number of modes.
@@ -79,11 +78,9 @@ class _Fit:
     """Completed fit.
 
     Attributes:
-        problem: Its problem.
         x: Its unknowns.
         jacobian: Slopes of the residuals.
         cost: Half the sum of the loss.
-        residuals: Number of residuals.
     """
 
     problem: ModalProblem
@@ -145,7 +142,6 @@ class _Linear:
         columns: The columns; shape (n, columns).
         wanted: What they are to add up to; shape (n,).
         always: Number of the first columns, which are always there.
-        delay_s: Delay with which it was made.
     """
 
     columns: Real
@@ -181,10 +177,7 @@ def _weighted(columns: Complex, wanted: Complex, weight: Real, always: int = 0, 
 
 
 def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
-    """Linear fit of 1/P.
-
-    Its columns are J_m, D_m and the effective inertia of a mode at each frequency of a grid.
-    """
+    """Linear fit of 1/P."""
     data, jw = problem.data, problem.jw
     unlagged = np.array([0.0] * AGE + [0.5 * problem.timing.control_s])
     torque = problem.torque(unlagged, data.torque.mean(axis=0), np.zeros_like(problem.excitation))
@@ -196,10 +189,7 @@ def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
 
 
 def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
-    """Linear fits of the tip's motion, one per delay.
-
-    The columns are the tip parts of a mode at each frequency of a grid. Without an accelerometer there are none.
-    """
+    """Linear fits of the tip's motion, one per delay."""
     data, scatter, lines = problem.data, problem.tip_scatter, problem.tip_lines
     if data.tip is None or scatter is None:
         return []
@@ -246,7 +236,6 @@ def resonances_hz(motor_inertia_kg_m2: float, reduction_ratio: float, modes: lis
 
     Args:
         motor_inertia_kg_m2: J_m.
-        reduction_ratio: Reduction ratio N.
         modes: The modes, from the lowest.
     """
     own = np.array([(2.0 * math.pi * mode.frequency_hz) ** 2 for mode in modes])

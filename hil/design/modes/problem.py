@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Complex, Real
 from hil.design.estimation import EstimatedMode
-from hil.design.frequency import TIP_HZ, AnyComplex, Complex, Real, TwoInertia
+from hil.design.frequency import TIP_HZ, AnyComplex, TwoInertia
 from hil.design.plant_problem import (
     DAMPING,
     J_L,
@@ -52,7 +52,6 @@ class ArmMode:
     Attributes:
         inertia_kg_m2: Effective inertia J_i about the joint.
         frequency_hz: Frequency ω_i/2π, at which the motor's response has a dip.
-        damping: Damping ratio ζ_i.
         tip_part: Part γ_i of the tip's rigid motion that this mode carries; None without an accelerometer.
     """
 
@@ -80,7 +79,6 @@ def modal_angle(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real)
 
     Args:
         motor: The motor; of the rest only the reduction ratio counts.
-        modes: All modes.
         frequency_hz: Frequencies; shape (m,).
     """
     jw = 2j * math.pi * frequency_hz
@@ -96,8 +94,6 @@ def modal_tip(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real, l
         motor: The motor; of it only the reduction ratio counts.
         modes: All modes, with their parts of the tip's motion.
         frequency_hz: Frequencies; shape (m,).
-        lever_m: Tip lever.
-        delay_s: Delay of the accelerometer.
     """
     jw = 2j * math.pi * frequency_hz
     follows = sum((m.tip_part or 0.0) * amplification(m.frequency_hz, m.damping, jw) for m in modes)
@@ -105,31 +101,22 @@ def modal_tip(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real, l
 
 
 class ModalProblem(PlantProblem):
-    """Residual of a fit with several modes.
-
-    The unknowns of the further modes follow those of the plant.
-    """
+    """Residual of a fit with several modes."""
 
     def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         super().__init__(data, timing, reduction_ratio, lever_m, gravity)
-        self._tip_lines = np.flatnonzero(data.frequency_hz < TIP_HZ)
+        self.tip_lines = np.flatnonzero(data.frequency_hz < TIP_HZ)
         self.first = WITHOUT_TIP if data.tip is None else WITH_TIP
         self.each = PART if data.tip is None else PART + 1
 
     def focus(self, f_a: float) -> None:
-        """Use the tip at all frequencies at which modes may be.
-
-        Frequencies at which a sensor itself resonates are left out.
-        """
+        """Use the tip at all frequencies at which modes may be."""
 
     def start_with(self, motor: Real, modes: list[ArmMode]) -> Real:
         """Build all unknowns from the motor's values and some modes.
 
-        The first mode gives J_l, K_g and the dampings.
-
         Args:
             motor: J_m and D_m + D_l/N²; shape (2,).
-            modes: The modes.
         """
         first = modes[0]
         omega = 2.0 * math.pi * first.frequency_hz
@@ -140,11 +127,6 @@ class ModalProblem(PlantProblem):
             more = [math.log(mode.inertia_kg_m2), math.log(2.0 * math.pi * mode.frequency_hz), math.log(mode.damping)]
             x = np.concatenate([x, more, [] if self.data.tip is None else [mode.tip_part or 0.0]])
         return x
-
-    @property
-    def tip_lines(self) -> NDArray[np.int64]:
-        """Lines on which the tip is used."""
-        return self._tip_lines
 
     def slots(self, x: Real) -> list[int]:
         """First unknown of each further mode."""

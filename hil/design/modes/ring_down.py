@@ -16,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.arrays import Complex, Real
 from hil.control.shapers import MOST_SHAPED_DAMPING, SwingingMode
 from hil.design.coupled.structure import Structure
 from hil.design.estimation import inverse
-from hil.design.frequency import TIP_HZ, Complex, Loop, Real
+from hil.design.frequency import TIP_HZ, Loop
 from hil.design.modes.problem import ArmMode
 
 APART_HZ = 1e-3
@@ -67,7 +68,6 @@ class RingDown:
     Attributes:
         modes: Modes that ring, from the lowest.
         amplitude_mm: Amplitude of the tip with each where the set-points stand still.
-        error_mm: Their standard errors.
         rms_mm: Root mean square of all together, over the time that was looked at.
         time_s: That time.
         rest_m_s2: Root mean square of the acceleration that no pole explains.
@@ -87,19 +87,12 @@ class RingDown:
         """Largest displacement that the waves can have together."""
         return math.fsum(self.amplitude_mm)
 
-    @property
-    def largest_error_mm(self) -> float:
-        """Standard error of that."""
-        return math.hypot(*self.error_mm)
-
 
 def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
     """Waves of an arm after a stop, by least squares.
 
     Args:
         tip_m_s2: Acceleration of the tip from where the set-points stand still; shape (n,).
-        period_s: Its sampling period.
-        rates: Rates of the closed loop.
 
     Raises:
         ValueError: Nothing rings, or there are too few samples.
@@ -134,10 +127,7 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
 
 
 def _columns(rates: Complex, time_s: Real) -> list[Real]:
-    """Decays and waves of poles over time.
-
-    A real pole has one column, a pair has two.
-    """
+    """Decays and waves of poles over time."""
     found: list[Real] = []
     for rate in rates.tolist():
         wave = np.exp(rate * time_s)

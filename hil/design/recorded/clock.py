@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 
 @dataclass(frozen=True)
@@ -51,10 +50,7 @@ def clock_of(stamps_s: Real, motor_angle_rad: Real) -> SampledInstants:
 
 
 def _roughness_s(time_s: Real, angle_rad: Real) -> float:
-    """Rms time by which samples miss a cubic through their neighbours.
-
-    The cubic has four neighbours; only rows in which the motor moves count.
-    """
+    """Rms time by which samples miss a cubic through their neighbours."""
     t = [time_s[i : len(time_s) - 4 + i] for i in range(5)]
     a = [angle_rad[i : len(angle_rad) - 4 + i] for i in range(5)]
     others = (0, 1, 3, 4)

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.order_map import TURNS
 from hil.design.recorded.slow import DegreeChoice, degrees_for
-
-Real = NDArray[np.float64]
 
 REPEATS = 120
 """Accuracy: signals that are made of the blocks of a residual: standard errors come out to 6 %."""
@@ -41,17 +39,11 @@ class AngleSection:
     waves: Callable[[Sequence[float]], Real]
 
     def averaged(self, most: int) -> "AngleSection":
-        """Section with at most so many samples.
-
-        Each is the mean of a few neighbours, in the signal as in its waves.
-        """
+        """Section with at most so many samples."""
         return self.averaged_by(-(-len(self.signal) // most))
 
     def averaged_by(self, few: int) -> "AngleSection":
-        """Section with means of `few` neighbours each.
-
-        Samples that are left at the end are dropped.
-        """
+        """Section with means of `few` neighbours each."""
         if few == 1:
             return self
 
@@ -73,7 +65,6 @@ class SectionFit:
     """Fit of one stretch.
 
     Attributes:
-        orders: Orders k.
         unknowns: A cos φ and A sin φ of each in rad; shape (2·orders,).
         covariance: Their covariance; shape (2·orders, 2·orders).
         degree: Degree of the slow part.
@@ -104,8 +95,6 @@ def waves_of_angle(angle_rad: Real) -> Callable[[Sequence[float]], Real]:
 def least_turns(orders: Sequence[float]) -> float:
     """Least motor revolutions of a stretch that separates some orders.
 
-    They are separated from each other and from the slow part.
-
     >>> least_turns((1, 2, 4))
     2.0
     """
@@ -118,8 +107,6 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
     """Fit one stretch.
 
     Args:
-        section: The stretch.
-        orders: Orders of the transmission error.
         repeats: Signals of blocks from which standard errors come; 0 for none.
         degree: Degree of the slow part; None to choose it.
 
@@ -152,10 +139,7 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
 
 
 def _bootstrapped(angle_rad: Real, choice: DegreeChoice, fitted: Real, residual: Real, repeats: int) -> Real:
-    """Unknowns of the waves in resampled signals; shape (repeats, waves).
-
-    The residual of such a signal is made of random blocks of the real one.
-    """
+    """Unknowns of the waves in resampled signals; shape (repeats, waves)."""
     random = np.random.default_rng(20_140_824)
     turns = float(np.ptp(angle_rad)) / (2.0 * math.pi)
     count = len(residual)

@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection, waves_of_angle
 from hil.design.recorded.order_columns import OrderColumns
 from hil.design.recorded.scan import MOST_LOOKS, floor_of, floor_reach, plain_amplitudes
-
-Real = NDArray[np.float64]
 
 KEEPS_FREQUENCY = 10.0
 """Probability: logarithm of the likelihood ratio of a fixed frequency and an order from which a line is of that frequency."""
@@ -32,7 +30,6 @@ class FixedFrequency:
     """A line at a fixed frequency.
 
     Attributes:
-        hz: Its frequency.
         order: Order at which it stood in the scan.
         amplitude: Amplitude, in the unit of the signal.
     """
@@ -47,7 +44,6 @@ class Cleaned:
     """A stretch without lines of a fixed frequency.
 
     Attributes:
-        section: The stretch.
         signal: The same signal at the samples of its scan.
         lines: Lines that were taken out.
     """
@@ -60,13 +56,10 @@ class Cleaned:
 def without_lines(section: AngleSection, look: OrderColumns, orders: Real, time_s: Real) -> Cleaned:
     """Remove the lines of a fixed frequency from a stretch.
 
-    These keep their frequency, not their order, while the speed changes.
-
     Only a stretch whose speed changes can tell: at one speed a frequency is an order. An order is put through the arm where there
     is one: what rings at the arm's own frequency while an order passes is that order.
 
     Args:
-        section: The stretch.
         look: Waves of its orders.
         orders: Orders of these; shape (orders,).
         time_s: Time of its samples; shape (n,).

@@ -1,7 +1,4 @@
-"""Joint fit of all stretches of a recording.
-
-It has A_k and φ_k with standard errors, and the changes from stretch to stretch.
-"""
+"""Joint fit of all stretches of a recording."""
 
 import cmath
 import math
@@ -10,12 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection, SectionFit, fit_section
-
-Real = NDArray[np.float64]
 
 DRIFTS_BELOW = 0.001
 """Probability: of the differences of an order between stretches, were it the same in all, below which it has changed."""
@@ -26,9 +21,7 @@ class RecordedValue:
     """One order of a transmission error.
 
     Attributes:
-        a_arcsec: Amplitude A_k.
         phi_deg: Phase φ_k, from 0 to 360°.
-        a_error_arcsec: Standard error of A_k.
         phi_error_deg: Standard error of φ_k; 180 at most.
     """
 
@@ -43,7 +36,6 @@ class Change:
     """An order in several stretches against itself.
 
     Attributes:
-        order: Order.
         probability: Probability of the differences, were they noise alone.
         widened: Factor by which the standard errors were widened for them.
         phi_span_deg: Largest difference of two of its phases.
@@ -65,7 +57,6 @@ class JointFit:
     """Mean of several fits, and their differences.
 
     Attributes:
-        values: Values by order.
         changes: An order against itself, by order; empty for one fit.
     """
 
@@ -103,7 +94,6 @@ def joined(fits: Sequence[SectionFit], moves: Sequence[Real] | None = None) -> J
     The errors are widened if the fits differ by more than noise.
 
     Args:
-        fits: The fits.
         moves: Moves of the unknowns of each for every standard error that all have in common; shape (2·orders, errors).
 
     Raises:
@@ -158,10 +148,7 @@ def moves_of(section: AngleSection, moved: Sequence[AngleSection], orders: Seque
     The stretch is the same; shape (2·orders, errors).
 
     Args:
-        section: The stretch.
         moved: The same where one value of the prior is off by its standard error.
-        orders: Orders of the transmission error.
-        degree: Degree of the slow part.
     """
     middle = fit_section(section, orders, repeats=0, degree=degree).unknowns
     return np.column_stack([fit_section(each, orders, repeats=0, degree=degree).unknowns - middle for each in moved])

@@ -1,17 +1,12 @@
-"""Waves of all orders of a scan beside a stretch's slow part.
-
-They are made once, and show how much of any signal each order explains.
-"""
+"""Waves of all orders of a scan beside a stretch's slow part."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.slow import slow_columns
-
-Real = NDArray[np.float64]
 
 SCAN_FROM, SCAN_TO, ORDER_STEP = 0.6, 10.0, 0.01
 """Bound: orders of a scan, and their step: below lies what is slow. A peak of r revolutions is 1/r wide, ten steps at r = 10."""
@@ -79,9 +74,6 @@ class OrderColumns:
 
         Two plain waves over n revolutions are alike by sinc², whose integral over their distance is 1/n. Through an arm an order
         shows mostly while it rings, so waves of orders further apart are alike; the inverse of the same integral says how far.
-
-        Args:
-            orders: Orders of the scan.
         """
         probed = np.linspace(0, len(orders) - 1, PROBED + 2).round().astype(int)[1:-1]
         waves = self.pairs.reshape(-1, self.pairs.shape[2])
@@ -90,10 +82,7 @@ class OrderColumns:
         return np.asarray(np.interp(orders, orders[probed], 1.0 / (ORDER_STEP * np.sum(alike, axis=1))))
 
     def without(self, signal: Real, rows: Sequence[int]) -> Real:
-        """Signal without its slow part and some orders; shape (n,).
-
-        All are fitted together.
-        """
+        """Signal without its slow part and some orders; shape (n,)."""
         left = self.beside_slow(signal)
         if not rows:
             return left
@@ -107,7 +96,6 @@ def columns_of(sections: Sequence[AngleSection], degrees: Sequence[int], orders:
     If memory does not suffice for all, the shorter stretches have None.
 
     Args:
-        sections: The stretches.
         degrees: Degree of the slow part of each.
         orders: Orders of the scan; shape (orders,).
     """

@@ -14,12 +14,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.order_map import APART_TURNS
 from hil.design.recorded.fit import AngleSection, waves_of_angle
 from hil.design.recorded.order_columns import ORDER_STEP, SCAN_FROM, SCAN_TO, OrderColumns
 from hil.design.recorded.slow import slow_columns
-
-Real = NDArray[np.float64]
 
 FLOOR_WIDTH, FLOOR_CELLS = 1.0, 16.0
 """Measured: orders to either side of which the floor is the median, and independent ones at least. Of 100 recordings without any
@@ -46,8 +45,6 @@ class Peak:
     """Order above the false-alarm level.
 
     Attributes:
-        order: Order.
-        amplitude: Amplitude in rad.
         level: False-alarm level there.
     """
 
@@ -61,7 +58,6 @@ class BlindScan:
     """Amplitude over the order; all of shape (n,).
 
     Attributes:
-        order: Orders.
         amplitude: Amplitude that each order alone has, in rad of the joint.
         floor: Median of the neighbourhood.
         level: Level that noise reaches anywhere in the scan with the probability `FALSE_ALARM`.
@@ -221,7 +217,6 @@ def floor_of(strength: Real, reach: NDArray[np.int64], free: NDArray[np.bool_] |
     the slope, so that a wide neighbourhood does not make its low end an alarm.
 
     Args:
-        strength: Strengths over the order.
         reach: Rows to either side; shape of `strength`.
         free: True if noise was left in; shape of `strength`; None for everywhere.
     """

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MOST_DEGREE = 24
 """Accuracy: highest degree that is tried: a factor of 2 changes nothing in two recordings."""
@@ -42,10 +42,7 @@ def degrees_for(turns: float, lowest_order: float) -> tuple[int, ...]:
 
 
 def fold_of(angle_rad: Real) -> NDArray[np.intp]:
-    """Fold of each row, in blocks of the angle; shape (n,).
-
-    Successive blocks belong to the folds in turn.
-    """
+    """Fold of each row, in blocks of the angle; shape (n,)."""
     turned = np.abs(angle_rad - angle_rad[0]) / (2.0 * math.pi)
     block = max(LEFT_OUT_TURNS, float(np.max(turned)) / 200.0)
     return np.asarray((turned / block).astype(np.intp) % FOLDS)
@@ -53,8 +50,6 @@ def fold_of(angle_rad: Real) -> NDArray[np.intp]:
 
 class DegreeChoice:
     """Choice of the degree for any signals of one stretch.
-
-    Everything that does not depend on the signals is computed once.
 
     One orthogonal basis serves all degrees: the waves come first, then the slow columns, degree by degree.
     """
@@ -105,9 +100,6 @@ class DegreeChoice:
         return np.asarray(scipy.linalg.solve_triangular(self._triangle[:m, :m], self._basis[:, :m].T @ signals))
 
     def parts(self, degree: int, unknowns: Real) -> tuple[Real, Real]:
-        """Waves and slow part of one signal with given unknowns.
-
-        Each has the shape (n,).
-        """
+        """Waves and slow part of one signal with given unknowns; shapes (n,)."""
         m = self.waves
         return self._design[:, :m] @ unknowns[:m], self._design[:, m : m + degree + 1] @ unknowns[m:]

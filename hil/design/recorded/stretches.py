@@ -1,16 +1,12 @@
-"""Stretches of a recording in which the motor turns one way.
-
-A stretch has no stop.
-"""
+"""Stretches of a recording in which the motor turns one way."""
 
 import math
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MOVING = 0.03
 """Speed from which a motor moves, by the quickest that it does: what is slower is the beginning or the end of a motion."""
@@ -25,12 +21,8 @@ class MotionStretch:
     """Rows in which the motor turns one way.
 
     Attributes:
-        rows: The rows.
         direction: +1 forwards, −1 backwards.
-        turns: Revolutions of the motor.
         speed_rps: Median of its speed, without a sign.
-        from_s: Time of the first row.
-        to_s: Time of the last row.
     """
 
     rows: slice
@@ -42,10 +34,7 @@ class MotionStretch:
 
 
 def speed_of(motor_angle_rad: Real, time_s: Real, across: int = ACROSS) -> Real:
-    """Speed of the motor in rev/s; shape (n,).
-
-    It is taken across some samples to either side, so that jitter of the stamps has no effect.
-    """
+    """Speed of the motor in rev/s; shape (n,)."""
     count = len(time_s)
     row = np.arange(count)
     before, behind = np.maximum(row - across, 0), np.minimum(row + across, count - 1)
@@ -83,11 +72,8 @@ def parts_of(stretch: MotionStretch, motor_angle_rad: Real, time_s: Real, turns:
     A stretch that is too short for two parts stays whole.
 
     Args:
-        stretch: The stretch.
         motor_angle_rad: Motor angle of the whole recording.
         time_s: Time of the whole recording.
-        turns: Fewest revolutions of a part.
-        most: Largest number of parts.
     """
     count = max(1, min(most, int(stretch.turns / turns)))
     angle = stretch.direction * motor_angle_rad[stretch.rows]

@@ -12,12 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.recorded.fit import AngleSection, fit_section, waves_of_angle
-
-Real = NDArray[np.float64]
 
 TOLD_WITHIN = 0.1
 """Probability: standard error of c (k f_m)² at its largest from which the swing is told from a larger error."""
@@ -31,7 +29,6 @@ class JointSwing:
 
     Attributes:
         per_hz2: c = 1/f_a² in s².
-        error_per_hz2: Its standard error.
         highest_hz: Highest frequency k f_m with which an order passed.
     """
 
@@ -41,10 +38,7 @@ class JointSwing:
 
     @property
     def is_told(self) -> bool:
-        """True if the recordings separate the swing from a larger error.
-
-        Its value also has to be possible for a swing.
-        """
+        """True if the recordings separate the swing from a larger error."""
         at_most = self.highest_hz**2
         return (
             self.error_per_hz2 * at_most < TOLD_WITHIN
@@ -84,7 +78,6 @@ def swing_of(
 
     Args:
         sections_at: Each stretch for a swing c in s².
-        orders: Orders of the transmission error.
         highest_hz: Highest frequency k f_m with which an order passed.
     """
     found, weights = [], []

@@ -13,14 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.design.ate.model import Arm, Sensing
 from hil.design.frequency import OF_SAMPLING
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.slow import degrees_for, slow_columns
-
-Real = NDArray[np.float64]
 
 FINE_S = 0.0005
 """Accuracy: step on which the arm answers: 0.1 % at 30 Hz."""
@@ -42,7 +40,6 @@ class ArmPrior:
         arm: Arm on its gear and delay of the sensor.
         resonance_fraction: Standard error of its resonance by its resonance.
         damping_fraction: Standard error of its damping by its damping.
-        delay_error_s: Standard error of the delay.
     """
 
     arm: Arm
@@ -51,10 +48,7 @@ class ArmPrior:
     delay_error_s: float
 
     def moved(self, by: Sequence[float]) -> Arm:
-        """Arm with its parameters moved by some standard errors.
-
-        The parameters are resonance, damping and delay.
-        """
+        """Arm with its parameters moved by some standard errors."""
         return replace(
             self.arm,
             resonance_hz=self.arm.resonance_hz * math.exp(self.resonance_fraction * by[0]),
@@ -79,8 +73,6 @@ class ThroughArm:
             time_s: Instants of the samples, increasing; shape (n,).
             motor_rad: Motor angle; shape (n,).
             values: Acceleration in m/s², or torque in N·m; shape (n,).
-            ratio: Reduction ratio N.
-            sensing: Kind of the signal.
             arm_hz: Resonance by which the passed frequencies count.
 
         Raises:
@@ -176,7 +168,6 @@ class RefinedArm:
     """Arm as the recordings show it.
 
     Attributes:
-        arm: The arm.
         steps: Arms that lie one standard error away, each along an axis of their uncertainty.
     """
 
@@ -191,8 +182,6 @@ def refined_arm(rows: Rows, orders: Sequence[float], prior: ArmPrior) -> Refined
 
     Args:
         rows: The stretches.
-        orders: Orders of the transmission error.
-        prior: What is known of the arm beforehand.
     """
     bases = []
     for through, inside in rows:
@@ -234,10 +223,7 @@ def refined_arm(rows: Rows, orders: Sequence[float], prior: ArmPrior) -> Refined
 
 
 def arm_section(through: ThroughArm, inside: slice, arm: Arm) -> AngleSection:
-    """Section of a recording for a given arm.
-
-    Its signal is without that of the motor's own motion.
-    """
+    """Section of a recording for a given arm."""
 
     def waves(orders: Sequence[float]) -> Real:
         return through.waves(arm, orders)[inside]

@@ -1,15 +1,12 @@
-"""Checks of a fitted transmission error.
-
-Each failure names the number that is wrong and the number needed.
-"""
+"""Checks of a fitted transmission error."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Limits
 from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.control.arrays import Real
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S
 from hil.design.estimation import FAR_SIGMAS, SEEN_SIGMAS, SURE_SIGMAS
@@ -18,8 +15,6 @@ from hil.errors import HilError, RefusalCause
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.measurement import MAX_MISSED
 from hil.master.motion import RunResult
-
-Real = NDArray[np.float64]
 
 VIBRATES = 0.1
 """Measured with `SCALE_TOLERANCE`, 0.02 at most: unexplained fraction of the vibration from which another order is looked for."""
@@ -61,10 +56,6 @@ class AteNotIdentifiedError(HilError):
         is_of_orders: bool = False,
         causes: tuple[RefusalCause, ...] = (),
     ) -> None:
-        """Keep the quantity, its value, and the value that it must have.
-
-        `at_most` makes `needed` an upper bound; `is_of_orders` says that an order which is not in the set may be the cause.
-        """
         self.is_of_orders, self.causes = is_of_orders, causes
         self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""
@@ -118,8 +109,6 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
 def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """Check that a fit belongs to this axis and is significant.
 
-    A fit that further passes may make significant passes too.
-
     `sensorless` is for a fit of the motor torque.
 
     Raises:
@@ -148,8 +137,6 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
 
 def check_factor(factor: float, error: float) -> None:
     """Refuse a signal that does not fit the motor's own motion.
-
-    Such a signal comes from another axis, or from a sensor that feels nothing.
 
     It is the factor that the motor's own motion has in the signal, with its standard error.
 
@@ -202,8 +189,6 @@ def factor_remark(estimate: JointEstimate) -> str | None:
 
 def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> None:
     """Check that the motor made its motion.
-
-    If the motor was stopped on the way, check whether the arm is held.
 
     Raises:
         AteNotIdentifiedError: The motor did not move, or pressed against something that holds it.

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Correlation, IdentifiedError
@@ -37,8 +36,6 @@ from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.robot_tables import TransmissionErrorTable
 
-Real = NDArray[np.float64]
-
 LEAST_ACCELERATION_RPS_S = 1.0
 """No pass is slower on an arm of 12 Hz: there the arm is in its steady state all the way, and another pass buys as much."""
 SEARCHED_PASSES = 2
@@ -62,9 +59,6 @@ class Pass:
     """One completed pass.
 
     Attributes:
-        ramps: Motion that was requested.
-        recording: Recording of the run.
-        sweep: The recording as input of the fit.
         estimate: Estimate from all passes so far.
     """
 
@@ -79,8 +73,6 @@ class Identification:
     """Passes of an identification, and the notes on its estimate.
 
     Attributes:
-        passes: Passes in their order.
-        notes: Sentences for the engineer.
         misses: Numbers that are known less well than requested.
         scan: Orders of the vibration; None without an accelerometer.
         reaction: Reaction of the gear on its motor; None if no plant is known, or the ramps do not show it.
@@ -109,10 +101,7 @@ class Identification:
 
     @property
     def is_good(self) -> bool:
-        """True if what was requested is known or usable (`Miss`).
-
-        An order out of the ramps' reach does not count.
-        """
+        """True if what was requested, and is in reach, is known or usable (`Miss`)."""
         return all(miss.is_usable or not self.is_reached(miss.order) for miss in self.misses)
 
 
@@ -120,8 +109,6 @@ def identify_on(
     session: Session, request: AteRequest, knowledge: AxisKnowledge, keep: PassKeeper | None = None, reporter: Reporter = SILENT
 ) -> Identification:
     """Run passes until the goal is met or none is left.
-
-    Every pass is kept before it is checked, the stopped one included.
 
     Raises:
         AteNotIdentifiedError: The runs do not identify it; with the number that is wrong and the number needed.
@@ -172,10 +159,7 @@ def identify_on(
 
 
 def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledge) -> Reaction | None:
-    """Estimate the gear's reaction on its motor.
-
-    It comes from the torque of all passes; None if the knowledge has no motor side.
-    """
+    """Estimate the gear's reaction on its motor."""
     if knowledge.side is None:
         return None
     made = [each.recording for each in identification.passes]
@@ -249,11 +233,7 @@ def simulated(
 
 
 def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
-    """True if the ramps passed f_m2; False if the next ones can.
-
-    Raises:
-        AteNotIdentifiedError: Limits keep them from it, or no pass is left; with the limit that binds.
-    """
+    """True if the ramps passed f_m2; False if the next ones can."""
     arm_hz, direction = made.estimate.arm.resonance_hz, made.ramps.direction()
     needed = BEYOND_RESONANCE * arm_hz / 2.0
     ends = [int(np.flatnonzero(direction == sign)[-1]) for sign in (1, -1)]
@@ -424,8 +404,6 @@ def as_part(
     """Convert an estimate to an entry of the model file.
 
     An order that is not seen has the amplitude 0 in it.
-
-    The entry has the posterior mean of the reaction.
     """
     plant = knowledge.start or estimate.arm
     delay = delay_of(estimate, knowledge.gear_fraction_error, plant.damping)

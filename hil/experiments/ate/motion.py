@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.control.trajectory import ConstantAcceleration, Smooth, sample_times
 from hil.experiments.ate.ramp import Ramp
 from hil.experiments.motions import MARGIN_REV
 from hil.master.motion import Motion, RunResult
 from hil.master.run import APPROACH_RAMP_S
-
-Real = NDArray[np.float64]
 
 DWELL_S, TAIL_S = 0.3, 0.5
 """Bound: rest before each ramp, and behind it, in which the arm rings down: in both, at 12 Hz and ζ = 0.05, to 1/20."""
@@ -25,13 +24,8 @@ class Ramps:
     """One pass: a ramp in either direction.
 
     Attributes:
-        ramp: The ramp as it was planned.
         trajectory: The ramp forwards.
         motion: Motion of the robot, the approach to the ramp's beginning included.
-        forward: Rows of the ramp forwards.
-        backward: Rows of the ramp back.
-        low_rev: Lower turning point of the motor, absolute.
-        high_rev: Upper turning point of the motor, absolute.
     """
 
     ramp: Ramp

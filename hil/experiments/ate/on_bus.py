@@ -1,7 +1,4 @@
-"""Run of `hil identify ate` on a bench.
-
-It makes passes on the bus, with their recordings and their result.
-"""
+"""Run of `hil identify ate` on a bench."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,15 +44,6 @@ def identify_ate(
 
     These are recordings, bus log and result.json, also if the identification fails.
 
-    Args:
-        bench: The bench file.
-        request: Axis, passes and goal.
-        out: Directory of the result; made where it is missing.
-        identified: The model file; None without one.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
-        reporter: Listener of each pass and its progress.
-
     Raises:
         HilError: Nothing has moved yet: nodes or limits do not allow it.
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.
@@ -67,10 +55,7 @@ def identify_ate(
     demand = BusDemand(what, (request.axis,), bench.bus.sync_period_s)
 
     def empty(described: MeasuredBench) -> AteResult:
-        before = KnownArm(
-            source=knowledge.source, start=knowledge.start, resonance_error_hz=knowledge.resonance_error_hz,
-            damping_error=knowledge.damping_error,
-        )  # fmt: skip
+        before = KnownArm.model_validate(knowledge, from_attributes=True)
         sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
         return AteResult(bench=described, axis=request.axis, sensorless=request.sensorless, known_before=before, sensing=sensing)
 
@@ -100,7 +85,6 @@ def _run_entry(result: RunResult, motion: Ramps, made: dict[str, Any]) -> AteRun
 
 
 def _enter(result: AteResult, identification: Identification, part: IdentifiedError) -> None:
-    """Enter an identification into a result."""
     estimate = identification.estimate
     result.ate = part
     arm, scan = estimate.arm, identification.scan

@@ -13,17 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.control.arrays import Real
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.estimation import SEARCHED_SIGMAS
 from hil.experiments.ate.checks import VIBRATES, AteNotIdentifiedError, check_estimate
 from hil.experiments.ate.ramp import Ramp
-
-Real = NDArray[np.float64]
 
 LOOKED_AT = (0.5, 10.0)
 """Bound: orders among which others are looked for, from and to."""
@@ -54,8 +52,6 @@ class SeenOrder:
     """Order that the ramps show and that was not requested.
 
     Attributes:
-        order: Order k.
-        amplitude_arcsec: Amplitude A_k.
         fraction: Fraction of the vibration's power that it explains.
         sigmas: Its amplitude in standard errors.
     """
@@ -89,8 +85,6 @@ def identify_orders(
     is_near: bool = False,
 ) -> JointEstimate:
     """Identify the requested orders that the ramps show.
-
-    The others have A_k and φ_k with their errors too; see `identify`.
 
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
@@ -135,8 +129,6 @@ def _top_rps(sweep: Sweep, over_s: float = 0.05) -> float:
 
 def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, estimate: JointEstimate) -> OrderScan:
     """Find the orders of the vibration behind an estimate.
-
-    The result has the power of each fitted order, and other orders that are seen.
 
     What is left over is taken off everything that the fitted orders could leave with another arm, each with its own, to first
     order in its frequency, damping and delay: a gear that is softer for small vibrations is not another order. What stands out
@@ -221,10 +213,7 @@ class _Scan:
         return self._named(estimate, basis, float(grid[best]))
 
     def _named(self, estimate: JointEstimate, basis: Real, order: float) -> float:
-        """Refine an order beyond the grid of the scan.
-
-        It becomes a whole number if that explains nearly as much.
-        """
+        """Refine an order beyond the grid of the scan."""
         fine = [float(each) for each in order + np.arange(-1.2 * SCAN_STEP, 1.2 * SCAN_STEP + 1e-9, FINE_STEP)]
         whole = max(1, round(order))
         model = self.model(estimate, (*fine, whole))
@@ -274,8 +263,6 @@ class OrderWatch:
     """Passes of one axis, to be scanned for orders.
 
     Attributes:
-        reduction_ratio: N.
-        sensing: The kind of signal.
         ramp: Ramp of the last pass.
         sweeps: Passes so far.
     """
@@ -322,8 +309,6 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
 
 def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """Check an estimate; a failure names the unrequested orders seen.
-
-    See `check_estimate`.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.

@@ -38,8 +38,6 @@ class RampLimits:
     """Limits of a ramp, at the motor.
 
     Attributes:
-        axis: Axis number.
-        speed_rps: Speed limit.
         acceleration_rps_s: Acceleration limit; infinite without one.
         deceleration_rps_s: Deceleration with which ramps end, within that limit.
         position_rev: Travel between the position limits, `MARGIN_REV` off either.
@@ -121,10 +119,6 @@ class Ramp:
     """Ramp within its limits.
 
     Attributes:
-        limits: The limits.
-        asked_rps_s: Acceleration that was wanted.
-        acceleration_rps_s: Acceleration.
-        end_rps: End speed.
         binds: Limit that binds it.
     """
 

@@ -1,7 +1,4 @@
-"""Request of an identification of the transmission error.
-
-The module also has the knowledge of the axis from which the identification starts.
-"""
+"""Request of an identification of the transmission error."""
 
 import math
 from collections.abc import Mapping
@@ -36,10 +33,7 @@ class Miss:
 
     Attributes:
         name: Its name, `A_2` or `φ_2`.
-        order: Order k.
-        sentence: Sentence on it.
         over: Its standard error over the one asked for.
-        is_usable: True if it is a result all the same.
     """
 
     name: str
@@ -99,12 +93,9 @@ class AteRequest:
     """Request of an identification of the transmission error.
 
     Attributes:
-        axis: Axis number.
         acceleration_rps_s: Acceleration of the first pass, later ones are slower; None: chosen from f_a.
-        passes: Largest number of passes.
         sensorless: Use motor torque and encoder only.
         goal: Standard errors at which the passes end.
-        orders: Orders k that are fitted.
     """
 
     axis: int
@@ -128,7 +119,6 @@ class AxisKnowledge:
         plant: Plant for the sensorless variant.
         arm_inertia_fraction: Standard error of J_l as a fraction of J_l, on which A_k depends without an accelerometer; 0 with
             one, and if the error of J_l is not known.
-        source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
@@ -209,8 +199,6 @@ def modal_arm(plant: IdentifiedPlant) -> Arm | None:
 
 def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
     """Range of the accelerometer's delay that is searched.
-
-    It is `DELAY_S`, or the one branch of it that a plant determines.
 
     A delay of half a period of the resonance less, with φ_k turned by 180°, explains the arm's ringing nearly as well: what tells
     both apart is its envelope and the motor's own motion. The plant's excitation has many frequencies: there the delay

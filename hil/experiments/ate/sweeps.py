@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hil.control.arrays import Real
 from hil.design.ate.model import Signs, Sweep, resolution_rad
 from hil.design.late_samples import on_time
 from hil.errors import NotPossibleError
@@ -14,8 +12,6 @@ from hil.master.session import Session
 from hil.master.set_point_adder import SetPointAdder
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
-
-Real = NDArray[np.float64]
 
 SKIP_TORQUE = 0.12
 """Fraction of a ramp, from its beginning, that does not count without an accelerometer: there the torque is friction's."""

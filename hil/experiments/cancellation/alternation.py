@@ -1,7 +1,4 @@
-"""Runs of a motion without a treatment and with it.
-
-A trial compares the tip's peaks of these alternating runs.
-"""
+"""Runs of a motion without a treatment and with it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,12 +8,11 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, band_passed, motor_speed_rps
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.experiments.cancellation.waves import seen_rows
 from hil.experiments.peaks import PeakChange, Windows
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-
-Real = NDArray[np.float64]
 
 TOP_SPEED = 0.98
 """Accuracy: part of the highest speed that a motion has before its last braking: from 10 rev/s with 20 rev/s², 10 ms late."""
@@ -27,11 +23,8 @@ class Alternation:
     """Collector of the tip's vibration in alternating runs.
 
     Attributes:
-        bench: The bench file.
-        scale: Scale of the axes that move.
         run: Runs the motion, with the treatment or without.
         titles: Titles of a run without the treatment, and of one with it.
-        reporter: Listener of each run.
         period_s: Sampling period, once something has run.
     """
 
@@ -75,10 +68,7 @@ class Alternation:
             self._bands[acts].append(band_passed(recording.felt_m_s2, recording.period_s, self.scale.band_hz))
 
     def seen(self) -> list[PeakChange]:
-        """Compare the peaks in the rows in which orders are read.
-
-        The means of all runs count; the worst rise comes first.
-        """
+        """Compare the peaks in the rows in which orders are read."""
         if self._seen is None:
             raise ValueError("nothing has run")
         without, with_it = ([band[self._rows[: len(band)]] for band in self._bands[acts]] for acts in (False, True))
@@ -86,8 +76,6 @@ class Alternation:
 
     def everywhere(self, shown: Callable[[Real], Real] | None = None, noise_mm: float | None = None) -> list[PeakChange]:
         """Compare the peaks over the whole motion.
-
-        The spans are the whole motion and its windows, with and without the last braking and rest.
 
         Args:
             shown: What is made of a vibration in m/s² before it is compared, in mm; over (2π f_al)² unless given.
@@ -107,6 +95,5 @@ class Alternation:
 
 
 def _last_braking(recording: Recording) -> int:
-    """Row in which the last braking begins."""
     speed = np.max([np.abs(motor_speed_rps(recording, number)) for number in recording.axes], axis=0)
     return int(np.flatnonzero(speed > TOP_SPEED * np.max(speed))[-1])

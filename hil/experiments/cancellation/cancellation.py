@@ -69,11 +69,8 @@ class Pace(NamedTuple):
 class CancellationAdder:
     """Set-point adder of a cancellation.
 
-    It is a `hil.master.set_point_adder.CompiledAdder`; each run needs a new one.
-
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.
-        laws: Laws of all axes.
     """
 
     uses_torque: bool
@@ -92,8 +89,6 @@ class Cancellation:
     Attributes:
         axes: Axis numbers in the order of the motion.
         tables: Cancellation tables by axis; an axis without one is left alone.
-        period_s: SYNC period.
-        torque_steps_nm: Resolution of the torque offsets, by axis.
         scales: Scales by which the vibration is judged, by axis.
         responses: Responses of the arm by axis, with which its trial reads the orders.
         is_learnt_on_motion: True if all of it was learnt by probing a motion: its orders are known together, not each.
@@ -135,10 +130,7 @@ class Cancellation:
         return replace(self, axes=tuple(axes), tables={n: table for n, table in self.tables.items() if n in axes})
 
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
-        """Adder for one run.
-
-        It has a fraction of the cancellation, 0 to 1, and adds to all axes or to one only.
-        """
+        """Adder for one run."""
         wanted = [self.tables[n].scaled(gain) if n in self.tables and only in {None, n} else None for n in self.axes]
         steps = [self.torque_steps_nm.get(number, 0.0) for number in self.axes]
         return CancellationAdder(self.uses_torque, CancellationLaw(wanted, self.period_s, steps))
@@ -194,7 +186,6 @@ class Way(TypedDict, total=False):
 
     Attributes:
         actuation: `reference`, the default, for the set-point alone, `torque` with a torque offset.
-        with_notch: True if the drives' filters act.
         control_periods_s: T_c by axis; 250 µs where it is not given.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
     """
@@ -222,14 +213,10 @@ def cancellation_for(
     SYNC periods of 1 and 2 ms without a filter; on 1 Mbit/s three axes with torque offsets need 2 ms.
 
     Args:
-        bench: The bench file.
         identified: The model file; None for the bench file's own model.
-        axes: Axis numbers in the order of the motion.
-        period_s: SYNC period.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
         by_torque: True if torque offsets can be sent: what the set-points have no room for is left to them.
-        way: How it reaches the drives.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -300,11 +287,7 @@ def table_of(
 
 
 def _check_size(number: int, ate: TransmissionErrorTable) -> None:
-    """Refuse an error that no gear has.
-
-    Raises:
-        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
-    """
+    """Refuse an error that no gear has."""
     total = sum(ate.amplitudes_arcsec().values())
     if total > MAX_ERROR_ARCSEC:
         remedy = "no gear has as much; check the model file"
@@ -312,10 +295,7 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
 
 
 def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
-    """Pace of an axis in a motion and in its approach.
-
-    Jerks of the motion are left out.
-    """
+    """Pace of an axis in a motion and in its approach."""
     angle, period_s = motion.motor_angle_rad[:, column], motion.period_s
     fastest = float(np.max(np.abs(np.diff(angle)))) / period_s / (2.0 * math.pi)
     rising = np.abs(np.gradient(np.gradient(angle, period_s), period_s))
@@ -338,10 +318,7 @@ def phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
 
 
 def known_lag_s(identified: Identified | None, number: int) -> float:
-    """Identified lag of an axis' current loop.
-
-    It is 0 if it is not identified, or not significant.
-    """
+    """Identified lag of an axis' current loop; 0 unless it is significant."""
     part = identified_axis(identified, number).plant
     if part is None or part.torque_lag_s < CORNER_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
@@ -349,10 +326,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
 
 
 def motor_load(bench: Bench, identified: Identified | None, model: Model, number: int, most_rad_s2: float) -> MotorLoad | None:
-    """Parameters of the gear torque that reacts on a motor, or None.
-
-    With them the gear torque follows from the motor's torque; None if no reaction is known.
-    """
+    """Parameters of the gear torque that reacts on a motor, or None."""
     known, table = identified_axis(identified, number), bench.axis[number]
     if known.ate is None or known.ate.gear_reaction == 0.0:
         return None
@@ -400,8 +374,6 @@ def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with
 def cancellation_on(session: Session, identified: Identified | None, motion: Motion, **way: Unpack[Way]) -> Cancellation:
     """Make the cancellation of a motion on a session.
 
-    Control periods and scales come from the drives; the limits are checked.
-
     Raises:
         NotPossibleError: As `cancellation_for`.
         UnsafeRequestError: The motion with its additions could exceed a limit.
@@ -419,10 +391,7 @@ def cancellation_on(session: Session, identified: Identified | None, motion: Mot
 def cancelled_orders(
     bench: Bench, identified: Identified | None, cancellation: Cancellation | None
 ) -> tuple[CancelledOrder, ...]:
-    """Orders of a cancellation by set-points, with their model's values.
-
-    The result is empty without a cancellation.
-    """
+    """Orders of a cancellation by set-points, with their model's values."""
     found = []
     for part in () if cancellation is None else cancellation.parts:
         model = treated_model(bench, identified, part.axis)

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.model import Correlation, IdentifiedError, significant
+from hil.control.arrays import Real
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.reaction import REACTS, Reaction
@@ -34,8 +34,6 @@ from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
 from hil.experiments.cancellation.effect import LEAK
 from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict, Seen
-
-Real = NDArray[np.float64]
 
 Source = Literal["known", "learnt"]
 """`known` before the first pass, or `learnt` from the passes."""
@@ -65,9 +63,6 @@ class OrderValue:
     """Amplitude and phase of an order.
 
     Attributes:
-        source: Origin of the values.
-        amplitude_arcsec: A_k.
-        phase_deg: φ_k.
         amplitude_error: Standard error of A_k in arcsec; None if none is known.
         phase_error: Standard error of φ_k in degrees; None if none is known.
         why: Reason why it is this one, of one that was known.
@@ -114,7 +109,6 @@ class Correction:
 
     Attributes:
         part: What was known; None if nothing was.
-        period_s: SYNC period.
         known: Significant orders of what was known.
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
@@ -230,10 +224,7 @@ class Correction:
         return bool(self._begun) and all(each.source == "known" for each in self._begun.values())
 
     def values(self) -> dict[float, OrderValue]:
-        """Value of each order to cancel and store.
-
-        One that the passes do not know better stays as it was.
-        """
+        """Value of each order to cancel and store."""
         return {order: self._value(order) for order in self._begun}
 
     def _value(self, order: float) -> OrderValue:
@@ -254,10 +245,7 @@ class Correction:
         return OrderValue("learnt", abs(z), turned_deg, along, math.degrees(across / max(abs(z), across)))
 
     def correlation(self, values: Mapping[float, OrderValue]) -> Correlation | None:
-        """Correlation of the errors of some values, of the delay and of the reaction.
-
-        Those of newly learnt values are the posterior's; kept values have theirs from before.
-        """
+        """Correlation of the errors of some values, of the delay and of the reaction."""
         found = self._posterior
         if not found.names:
             return None
@@ -550,7 +538,6 @@ class _Left:
     """Rest of an order in one direction of a pass.
 
     Attributes:
-        order: Order k.
         seen: s_k.
         acted: c_k.
         delay_s: δ_c.

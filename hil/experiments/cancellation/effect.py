@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real, Rows
 from hil.design.ate.model import Arm, levelled
 from hil.design.estimation import EVALUATIONS, ROUNDING
 from hil.design.frequency import OF_SAMPLING, Loop
@@ -30,10 +30,6 @@ from hil.design.ringing import PADDING_S
 from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
 from hil.design.uncertainty import LIKELY
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_]
 
 LOWEST_HZ = 0.3
 """Bound: nothing of X is needed below it: a band of vibration begins at 2 Hz."""
@@ -51,12 +47,7 @@ PLANNED_SPREAD = 1.6
 
 
 class Part(NamedTuple):
-    """Order of an axis, the unit that is cancelled or left out.
-
-    Attributes:
-        axis: Axis number.
-        order: Order k.
-    """
+    """Order of an axis, the unit that is cancelled or left out."""
 
     axis: int
     order: float
@@ -71,13 +62,10 @@ class Part(NamedTuple):
 class Response:
     """Response X of the arm to its transmission error.
 
-    It is seen by the accelerometer.
-
     Attributes:
         known: The loop around the model; or, where nothing but the arm on its gear is known, that.
         stretch: Factor of the resonance.
         damping: Factor of the damping.
-        delay_s: Delay of the sensor.
     """
 
     known: Loop | Arm
@@ -111,10 +99,7 @@ class Response:
         return response
 
     def varied(self, steps: Real) -> "Response":
-        """Change the response by some of its `LIKELY` deviations.
-
-        The steps are those of resonance, damping and delay; shape (3,).
-        """
+        """Change the response by some of its `LIKELY` deviations; shape (3,)."""
         stretch, damping, delay = (float(step) * likely for step, likely in zip(steps, LIKELY, strict=True))
         return replace(
             self, stretch=self.stretch * math.exp(stretch), damping=self.damping * math.exp(damping), delay_s=self.delay_s + delay
@@ -126,10 +111,8 @@ class AxisWaves:
     """An axis whose orders are read.
 
     Attributes:
-        number: Axis number.
         orders: Orders k that are fitted, those that are not cancelled included.
         lever_m: Lever of the tip: a number, or one for each row; shape () or (n,).
-        response: Response X.
         planned_rad: Planned motor angle over the reduction ratio, as the position loop lets it through; shape (n,).
     """
 
@@ -194,10 +177,7 @@ def alike(looks: Sequence[Look], used: Collection[Part]) -> list[Look]:
 
 
 class _Spectra:
-    """Transforms of one recording and of its waves.
-
-    The columns of any response follow from them.
-    """
+    """Transforms of one recording and of its waves."""
 
     def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
         period, self._count = recording.period_s, len(recording.time_s)
@@ -221,10 +201,7 @@ class _Spectra:
         return np.asarray(whole[..., self._rows])
 
     def columns(self, axis: AxisWaves, response: Response) -> Real:
-        """Columns of an axis; shape (rows, 2 orders + 2).
-
-        There are two for each order, then those of the planned motion.
-        """
+        """Columns of an axis; shape (rows, 2 orders + 2)."""
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
         lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
         return np.asarray(made * lever).T

@@ -1,19 +1,16 @@
-"""Cancellation that follows the vibration in a run.
-
-The module makes its additions to the set-points, and records what becomes of each order.
-"""
+"""Cancellation that follows the vibration in a run."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import DIRECTIONS
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.cancellation import CancellationLaw
 from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings, SecondDifference
 from hil.design.following import arm_model, band_pass, resonance_of, rounding_noise_m_s2
@@ -25,8 +22,6 @@ from hil.experiments.treatment import NO_FOLLOWING_BY_ENCODERS, NO_FOLLOWING_ON_
 from hil.master.motion import Motion
 from hil.master.set_point_adder import Sensed
 from hil.results.following import FollowedOrder
-
-Real = NDArray[np.float64]
 
 LEAST_CHANGE = 1e-3
 """Accuracy: change of a factor from which on the law is told of it."""
@@ -41,11 +36,8 @@ class FollowingSetUp:
     """Set-up of a cancellation that follows.
 
     Attributes:
-        cancellation: The cancellation.
         axes: Axis numbers that are cancelled, in the order of the rows of the observer.
-        arms: Arm of each of them.
-        orders: Orders of each of them as they were identified.
-        band: Section of the band-pass.
+        orders: Orders of each axis as they were identified.
         levers_m: Lever of the tip at each, by row of the motion; shape (n, axes).
         count_rad: Step of the joint's own encoder, which takes the accelerometer's place; None with an accelerometer.
     """
@@ -87,13 +79,7 @@ class FollowingSetUp:
 
 @dataclass
 class FollowingAdder:
-    """Set-point adder of a cancellation that follows.
-
-    It is a `hil.master.set_point_adder.SensingAdder`; each run needs a new one.
-
-    Attributes:
-        uses_torque: True if torque offsets (60B2h) are mapped.
-    """
+    """Set-point adder of a cancellation that follows."""
 
     uses_torque: bool
     _cancellation: CancellationLaw

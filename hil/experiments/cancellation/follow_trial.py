@@ -45,10 +45,7 @@ class HeardOrder:
     """Observation of an order in a run.
 
     Attributes:
-        axis: Axis number.
-        order: Order k.
         left: Largest |d| by which w moved, or would have moved.
-        has_moved: True if w has moved.
     """
 
     axis: int
@@ -62,7 +59,6 @@ class FollowRun:
     """Run of the trial.
 
     Attributes:
-        recording: Its recording.
         watched: What the observer saw of each order.
     """
 
@@ -76,8 +72,6 @@ def try_following(
     """Try a cancellation that follows.
 
     Returns the entry, and the part of each order from which it is to follow.
-
-    A run that does not follow has the cancellation alone, while the observer listens.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.

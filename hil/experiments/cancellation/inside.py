@@ -24,10 +24,6 @@ def cancel_inside(
 ) -> tuple[CancelledOrder, ...]:
     """Let the drives cancel the error in the next run.
 
-    The drive family must support it. The run restores everything.
-
-    Nothing more goes over the bus in a cycle, and no delay has to be known.
-
     A fraction `gain` of it acts, 0 to 1, without some orders of axes.
 
     Returns:

@@ -1,7 +1,4 @@
-"""Run of `hil learn`: adaptive cancellation of some axes.
-
-It records passes on the bus, and writes the estimates to the model file.
-"""
+"""Run of `hil learn`: adaptive cancellation of some axes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,12 +29,9 @@ class LearnRequest:
 
     Attributes:
         axes: Axis numbers, learnt one after the other.
-        passes: Most passes of each axis.
-        acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         note: Load, temperature: goes into the model file beside the date.
         motor_inertias_kg_m2: J_m from data sheets by axis, where no plant is known.
-        orders: Orders that are learnt.
     """
 
     axes: tuple[int, ...]
@@ -81,15 +75,10 @@ def learn_on_bus(
     The estimate of each axis is written to the model file before the next axis begins.
 
     Args:
-        bench: The bench file.
-        request: Axes and passes.
         out: Directory for recordings, bus log and result.json; made where it is missing.
         model: The model file; if it exists, it is read for the motors' inertia and the known orders; it is written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
             Of a transmission error in it, those orders are kept that the passes do not better.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
-        reporter: Listener of each pass and its progress.
 
     Raises:
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.
@@ -121,11 +110,6 @@ def learn_on_bus(
 
 
 def _demands(bench: Bench, request: LearnRequest, identified: Identified | None) -> list[BusDemand]:
-    """Demands of the axes on the bus.
-
-    Raises:
-        NotPossibleError: An axis lacks what learning needs.
-    """
     axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
     for axis in axes:
         bench.axis[axis].gains(f"learning on axis {axis}")
@@ -137,8 +121,6 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
 
 def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | None:
     """Load the model file, with the plants of another file.
-
-    The former need not exist.
 
     Raises:
         FileError: A file is not a model file.

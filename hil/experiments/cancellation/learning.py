@@ -68,10 +68,6 @@ class PassJudge:
     """
 
     def __init__(self, bench: Bench, identified: Identified | None, axis: int, known: Collection[float] = ()) -> None:
-        """Keep the bench, the axis and its known orders.
-
-        The response is that of the model file, or of the first pass' arm.
-        """
         self._known_orders = tuple(known)
         self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
         self._response: Response | None = None
@@ -113,7 +109,6 @@ class LearntPass:
         gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip, both ramps, in the band around f_al, at the speeds that excite the arm.
         estimate: Last fit of the passes.
-        set_point_delay_s: Delay of the set-points as estimated after this pass.
         values: Amplitude and phase of each order as they are known after this pass.
         verdicts: Verdict on each order that was cancelled in it.
     """
@@ -140,12 +135,9 @@ class AxisLearning:
     """Passes of one axis, and the transmission error learnt from them.
 
     Attributes:
-        axis: Axis number.
-        passes: Passes in their order.
         emulated: True if the robot is emulated; None if that is not known.
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
         left_out: Orders that are not cancelled, with the verdicts on them.
-        notes: Sentences for the engineer.
         correction: What is known of the correction of each order.
         reaction: Reaction of the gear on its motor; None before the learning begins.
     """
@@ -236,8 +228,6 @@ class AxisLearning:
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
         """Write the transmission error into the model file.
 
-        It is made where it is missing; for the note and the date see `part`.
-
         Raises:
             FileError: The file is not a model file, or cannot be written.
             NotPossibleError: The file is another robot's.
@@ -269,16 +259,10 @@ def learn(
     """Learn the transmission error of one axis by cancelling it.
 
     Args:
-        session: Session that has been brought up.
-        axis: Axis number.
         identified: The model file: the motor's inertia, and orders that the passes may not better. None: the bench file's model.
         passes: Number of passes, each back and forth; two at least.
-        acceleration_rps_s: Acceleration of every ramp.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
         motor_inertia_kg_m2: J_m from a data sheet, where neither file has a plant.
-        orders: Orders that are learnt.
         keep: Keeper of every pass, a stopped one included, before it is checked.
-        reporter: Listener of each pass.
 
     Raises:
         NotPossibleError: Fewer than two passes, no motor inertia, or limits that keep the motor from the resonance.
@@ -340,8 +324,6 @@ def learn(
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
     """Plan the ramp of the first pass.
 
-    On an arm the acceleration is raised where travel is short.
-
     Raises:
         NotPossibleError: There is no room for any ramp.
         UnsafeRequestError: The acceleration is beyond its limit.
@@ -378,11 +360,7 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
 
 
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:
-    """Leave out wrong orders, after the last pass also those not judged.
-
-    Raises:
-        CancellationRefusedError: None is left.
-    """
+    """Leave out wrong orders, after the last pass also those not judged."""
     verdicts = learning.passes[-1].verdicts
     learning.left_out |= learning.correction.judged(verdicts, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
@@ -390,11 +368,6 @@ def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> N
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
-    """Table of the axis that is to be learnt.
-
-    Raises:
-        NotPossibleError: The passes are too few, or there is no such axis.
-    """
     if passes < 2:
         raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
     bench.check_axis(axis)
@@ -441,9 +414,6 @@ def _fitted(watch: OrderWatch, learning: AxisLearning, orders: Sequence[float], 
     """Fit the transmission error to the passes so far.
 
     For an arm with several modes, those of its plant count beside it.
-
-    Raises:
-        NotPossibleError: The passes do not carry a fit.
     """
     start = learning.estimate.arm if learning.passes else None if plant is None else modal_arm(plant)
     is_near = len(learning.passes) >= SEARCHED_PASSES

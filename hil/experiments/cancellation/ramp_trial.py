@@ -31,8 +31,6 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
     It has no more travel and speed than the motion, and lies in the middle of that travel: whoever allowed the motion has allowed
     the ramp.
 
-    It passes f_al/k of each.
-
     Raises:
         NotPossibleError: The motion or the limits leave no room for it.
     """

@@ -28,12 +28,10 @@ class ReactionWatch:
     """Passes with the whole cancellation, and the reaction that they show.
 
     Attributes:
-        axis: Axis number.
         side: Motor and arm as identified; None without a plant: then what was known stays.
         value: Posterior mean of r.
         standard_error: Its standard deviation; None if none is known.
         before: Probability that the gear reacts, without the passes.
-        turnings: Motions of the passes.
     """
 
     axis: int

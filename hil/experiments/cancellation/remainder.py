@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real, Rows
 from hil.control.cancellation_table import CancellationTable
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import Loop
@@ -33,10 +34,6 @@ from hil.experiments.peaks import Windows
 from hil.experiments.window import NOISE_PEAK
 from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_]
 
 JOLT_FACTOR = 1.3
 """What is asked at least, in units of what the motion makes of its own."""
@@ -68,13 +65,9 @@ class TrialView:
     """Data of a trial for the account of the remainder.
 
     Attributes:
-        looks: All runs.
         used: Parts that passed, and are used.
-        windows: Windows in which peaks are judged.
         recording: One recording of the motion.
         rows: Rows that are read; shape (n,).
-        axes: Axes as they are read.
-        scale: Scale of the vibration.
     """
 
     looks: Sequence[Look]
@@ -92,10 +85,7 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """Find the remainder of the vibration and its cause; None if not shown.
-
-    There are no tables if the drives cancel.
-    """
+    """Find the remainder of the vibration and its cause; None if not shown."""
     with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())
     if not with_them or not without:
         return None

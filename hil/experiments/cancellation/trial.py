@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale
 from hil.bench.model import Identified
+from hil.control.arrays import Real
 from hil.control.cancellation_table import CancellationTable
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
@@ -36,9 +36,6 @@ from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 ON_RAMPS = "with slow ramps, "
 """Where a part is judged that the motion hides: by the motion and slow ramps together."""
@@ -243,12 +240,7 @@ def verify(
     The motion runs without it, with a fraction, with that on each axis alone, and with the whole.
 
     Args:
-        session: Session that has been brought up.
-        cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run with it; it must excite the arm.
-        filters: Filters of the drives that act, in all of these runs.
-        shows_filter: True if the drives report their filters' state.
-        reporter: Listener of each run.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.
@@ -290,7 +282,6 @@ class Choice:
     Attributes:
         cancellation: Cancellation without the parts that did not pass; None if it was refused, or the drives cancel.
         filters: Filters of the drives that act.
-        verification: Runs of the trial.
         refusal: Reason why the cancellation is not used, or None.
     """
 
@@ -301,10 +292,7 @@ class Choice:
 
     @property
     def adder(self) -> CancellationAdder | None:
-        """Adder of one run, or None.
-
-        Each run needs a new one. None if the cancellation was refused, or the drives cancel.
-        """
+        """Adder of one run, or None."""
         return None if self.cancellation is None else self.cancellation.adder()
 
 
@@ -321,13 +309,9 @@ def choose(
     """Try a cancellation; choose the parts that pass, or the notch.
 
     Args:
-        session: Session that has been brought up.
-        cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run.
         with_notch: True if the filters act beside it; after a refusal they act alone, where the bench has any.
         is_shaped: True if a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
-        shows_filter: True if the drives report their filters' state.
-        reporter: Listener of each run.
 
     Raises:
         HilError: As `verify`.

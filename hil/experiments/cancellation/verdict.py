@@ -61,17 +61,12 @@ class PartVerdict:
     """Verdict on one order of one axis.
 
     Attributes:
-        part: Axis and order.
         gain: Fraction of the cancellation that was tried.
         fall: Fraction by which the order fell with it; negative where it rose.
-        fall_error: Standard error of that.
         left: Fraction of the order that the whole cancellation leaves.
-        left_error: Standard error of that.
-        lasting_error: Part of it that more runs do not lower.
+        lasting_error: Part of `left_error` that more runs do not lower.
         factor: Factor by which the cancellation should be multiplied; None if nothing of it was seen.
-        factor_error: Standard error of that.
         turn_deg: Angle by which φ_k should be turned.
-        turn_error_deg: Standard error of that.
         verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen.
         rise: How the tip's peak rises with it, in words; empty if it does not.
         where: Motion that judged it, in words, if not the one that is to be run.

@@ -1,7 +1,4 @@
-"""Result of a cancellation's trial.
-
-It has the runs, the verdict on each part, and the refusal if none passes.
-"""
+"""Result of a cancellation's trial."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,7 +33,6 @@ class Trial:
 
     Attributes:
         what: Cancellation of this run, in words.
-        recording: Recording of the run.
         gains: Fraction of each part that acted.
         rms_m_s2: Vibration of the tip in the rows that are judged, in the band around f_al.
     """
@@ -54,7 +50,6 @@ class Verification:
     Attributes:
         gain: Fraction of the cancellation that was tried first.
         trials: All runs, the first without the cancellation.
-        verdicts: Verdict on each order of each axis.
         remainder: Remainder of the vibration and its cause; None if nothing is used.
     """
 

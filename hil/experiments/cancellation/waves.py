@@ -1,7 +1,4 @@
-"""Waves of a motion's axes, for the fit of `effect`.
-
-They have the levers of the tip, the planned motion, and the rows that count.
-"""
+"""Waves of a motion's axes, for the fit of `effect`."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -15,6 +12,7 @@ from hil.analysis import BRAKING_S, TipScale, band_passed, line_window_s, motor_
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, identified_axis, with_identified
 from hil.bench.tip import vertical_levers_m
+from hil.control.arrays import Real, Rows
 from hil.design.ate.model import Arm
 from hil.design.estimation import DIFFERENCE_STEP
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -24,9 +22,6 @@ from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, LineMotion
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 REACH = (0.45, 1.2)
 """Frequencies that count as in the band, by its ends: its skirts let through what is large, and sums of orders."""
@@ -107,8 +102,6 @@ def _levers(bench: Bench, motion: Motion, angle_rad: Real) -> list[Real]:
 def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
     """Rows of a recording in which orders are read.
 
-    They are the line motion's window, or the rising speeds of a single axis.
-
     f_al is the lowest of the axes that moved.
 
     Raises:
@@ -122,8 +115,6 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
 def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     """Rows of a recording in which vibration is compared.
 
-    They are the line motion's window, or the speeds of a single axis at which an order excites the arm.
-
     Raises:
         NotPossibleError: The motion does not pass such a speed.
     """
@@ -133,11 +124,7 @@ def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
 
 
 def _of_line(bench: Bench, recording: Recording, of_axis: Rows) -> Rows:
-    """The rows of a line's window, or those of a single axis.
-
-    Raises:
-        NotPossibleError: The latter are too few.
-    """
+    """The rows of a line's window, or those of a single axis."""
     if len(recording.axes) > 1 and bench.line_motion is not None:
         begin, end = (bench.line_motion.dwell_s + each for each in line_window_s(bench.line_motion.duration_s))
         return np.asarray((recording.time_s >= begin) & (recording.time_s <= end))
@@ -159,13 +146,10 @@ def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
 class ProbedRows:
     """Tip's motion in the rows of every run of one motion.
 
-    It has the components x, y and z in the band; the rows are those that judge the motion.
-
     Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
     show orders in the band's upper half. The displacement judges a run.
 
     Attributes:
-        band_hz: Band of the vibration.
         rows: The rows, in one piece.
     """
 

@@ -30,7 +30,6 @@ class ComparisonRequest:
     """Request of a comparison.
 
     Attributes:
-        experiments: Names of the experiments.
         axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
         treatments: Treatments in their order; `none` is always run, as all others are compared with it.
         named: Treatments that the user has named: only of these it is an error when they are not possible.
@@ -98,8 +97,6 @@ class ComparisonPlan:
 
     Attributes:
         robot: The robot, with the identified model in its bench file.
-        setups: Set-up of each run.
-        left_out: Runs that are not made.
         remarks: Sentences on treatments that were named, and are made all the same.
     """
 
@@ -122,8 +119,6 @@ def plan(
     Nothing is sent.
 
     Args:
-        robot: The robot.
-        request: Experiments, axes and treatments.
         channel: Bus of the robot, for its bit rate; opened and closed unless it is given.
         overload: Run even what does not fit on the bus.
 
@@ -213,9 +208,7 @@ def knowledge_by_robot(
 
     Args:
         identified: Model files of `hil identify`.
-        designs: Design files.
         learnt: Model files of `hil learn`.
-        names: Names of the robots.
 
     Raises:
         NotPossibleError: A file belongs to none of the robots, or two files of a kind to the same.

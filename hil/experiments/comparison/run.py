@@ -25,8 +25,6 @@ class ComparisonOutcome:
     """End of a comparison.
 
     Attributes:
-        result: Content of `result.json`.
-        failure: Error that ended it early, or None.
         unmet: Sentences on named treatments that were not compared, were refused, or could not be judged.
     """
 
@@ -59,7 +57,6 @@ def compare(
         out: Directory for result.json, and below it one per robot.
         overload: Run even what does not fit on the bus.
         repeat: Number of runs of each motion; the mean of their recordings is judged.
-        reporter: Listener of each run, the steps of a trial, and the present run's progress.
     """
     started = datetime.datetime.now(datetime.UTC)
     robots: list[ComparisonRobot] = []

@@ -28,8 +28,6 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
     """Gather one robot's rows.
 
     Args:
-        plan: Plan of its runs.
-        directory: Its directory, below the comparison's.
         result: Result of its runs; None without one.
         ended: Reason why they ended early; empty if they did not.
     """
@@ -72,7 +70,6 @@ def _key_of(experiment: Experiment) -> Key:
 
 
 def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, left_out: str | None = None) -> ComparisonRow:
-    """Row without numbers."""
     return ComparisonRow(
         experiment=experiment.name,
         axis=experiment.axis,
@@ -92,10 +89,6 @@ def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, le
 def _measured(
     row: ComparisonRow, run: RunEntry | None, area: float | None, change: TreatmentComparison | None, ended: str
 ) -> ComparisonRow:
-    """Fill a row with the numbers of its run.
-
-    A refused treatment has no numbers, since the run was made without it.
-    """
     if run is None:
         return row.model_copy(update={"not_judged": ended or "not run"})
     values: dict[str, object] = {"recording": run.recording, "shaper": run.shaper}
@@ -122,10 +115,7 @@ def _moved(bench: Bench, experiment: Experiment) -> tuple[int, ...]:
 
 
 def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: RunEntry | None) -> ComplianceFactors | None:
-    """Compliance factors of a treatment, for the worst moved axis.
-
-    They are relative to no treatment with the loop closed on the same side.
-    """
+    """Compliance factors of a treatment, for the worst moved axis."""
     if run is None:
         return None
     moved = _moved(bench, experiment)
@@ -138,7 +128,6 @@ def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: R
 
 
 def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: RunEntry) -> Compliance | None:
-    """Compliance of one axis at the period of the run."""
     with_notch = setup is not None and setup.filters == "notch"
     loop = bench.axis[number].loop(run.control_period_s, int(run.loop == "host"), with_notch=with_notch)
     if loop is None:
@@ -149,10 +138,6 @@ def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: Ru
 
 
 def _compliances(plan: ComparisonPlan, number: int, runs: Runs) -> Iterable[AxisCompliance]:
-    """Compliance of one axis with each treatment that was run.
-
-    Only treatments that change gains or filters count.
-    """
     entries: dict[tuple[str, str], AxisCompliance] = {}
     for experiment, setup in plan.setups.items():
         run = runs.get(_key_of(experiment))
@@ -207,10 +192,7 @@ _HEADER = (
 def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
     """Format the table as text.
 
-    The text also has the runs that were not judged or left out.
-
     Args:
-        result: The comparison.
         width: Columns of the terminal; None: as many as it takes.
     """
     lines = []

@@ -98,8 +98,6 @@ def with_slow_turns(estimate: PlantEstimate, viscous: EstimatedParameter) -> Pla
 def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
     """Rms part of ζ that is hysteresis, as two runs show it.
 
-    It applies to the torsion of the main run.
-
     The loss of hysteresis is in inverse proportion to the torsion, so that x = (ζ' − ζ)/(ρ − 1) with the main run's torsion over
     the pilot's, ρ. What an inexact pilot, or one at nearly the same torsion, cannot exclude keeps its prior probability.
     """
@@ -131,8 +129,6 @@ def _rms_if_any(value: float, noise: float, prior: float) -> float:
 
 def _disagreements(main: PlantEstimate, pilot: PlantEstimate) -> list[tuple[str, EstimatedParameter, float]]:
     """Main run's parameters with the relative errors of disagreement.
-
-    Only the inertias count, which no torsion changes.
 
     There the model is wrong, not the gear another. K_g follows J_l at a given f_a, and f_r follows both inertias.
     """

@@ -53,8 +53,6 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
     At its bias speed no order rings; values of the request take precedence.
 
     Args:
-        request: The request.
-        sync_s: The SYNC period.
         plant: The plant, roughly.
         speed_limit_rps: Limit of the motor speed, of which the bias takes half.
         is_wide: True on an arm: up to where the pilot looked, since other modes may ring anywhere.
@@ -77,14 +75,11 @@ def quiet_speed(f_a: float, limit_rps: float) -> float:
 def fast_speed(f_a: float, limit_rps: float) -> float:
     """Fastest of the slow turns for friction without a ringing order.
 
-    The arm's vibration would cost a torque of its own.
-
     >>> fast_speed(9.9, 10.0), round(fast_speed(7.0, 10.0), 3)
     (3.5, 2.45)
 
     Args:
         f_a: Anti-resonance, Hz.
-        limit_rps: Largest speed that is allowed.
     """
     return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in SLOWER[:3]])
 

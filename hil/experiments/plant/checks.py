@@ -1,13 +1,11 @@
-"""Checks of an identified plant.
-
-Each failure names the number that is wrong and the number needed.
-"""
+"""Checks of an identified plant."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.design.plant_problem import OUTSIDE
@@ -15,7 +13,6 @@ from hil.errors import HilError, RefusalCause
 from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.pilot import told_lever_ratio
-from hil.master.motion import Real
 
 SATURATED_FRACTION = 1e-3
 """Measured: fraction of the rows that may be at the torque limit: 0 on the drawn robots 10700 to 10764."""
@@ -49,17 +46,7 @@ class PlantNotIdentifiedError(HilError):
 
 @dataclass(frozen=True)
 class DataCheck:
-    """One check of the data.
-
-    Attributes:
-        name: Quantity in words.
-        value: Value of the quantity.
-        needed: Value that is required.
-        unit: Unit of both values.
-        holds: True if the value is sufficient.
-        remedy: Advice where it is not.
-        causes: Causes where it is not.
-    """
+    """One check of the data."""
 
     name: str
     value: float
@@ -125,7 +112,6 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         tip_m_s2: Acceleration of the tip; shape (n,).
         missed: Number of cycles that lack it.
         rows: Number of all cycles.
-        sensor: Name of the tip's sensor.
     """
     if missed > MAX_MISSED * rows:
         most = math.floor(MAX_MISSED * rows)
@@ -197,7 +183,6 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     Args:
         estimate: The plant.
         amplitude_nm: Peak of the excitation.
-        request: Request of the identification.
         limited_by: Name of what allowed no larger amplitude; empty if it was requested.
     """
     high = float(estimate.response.frequency_hz[-1])

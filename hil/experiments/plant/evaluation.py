@@ -25,15 +25,9 @@ class PlantEvaluation:
     """Evaluation of a plant identification that passed its checks.
 
     Attributes:
-        request: Request of the identification.
         excited: Signal to which the excitation was added.
-        travel: Travel of the axis.
-        amplitude_nm: Peak of the excitation.
-        estimate: The plant.
         friction: Friction and gravity from the slow run.
         checks: Checks of the data; all of them hold.
-        remarks: Sentences for the engineer.
-        cannot_tell: Sentences on the limits of these data.
     """
 
     request: PlantRequest
@@ -85,7 +79,6 @@ class PlantEvaluation:
 
 
 def _entry(mode: EstimatedMode) -> IdentifiedMode:
-    """Entry of a mode for the model file."""
     found = {name: value for name, value in vars(mode).items() if value is not None}
     errors = {name: value.standard_error for name, value in found.items()}
     return IdentifiedMode(**{name: value.value for name, value in found.items()}, standard_error=errors)
@@ -128,10 +121,7 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction, viscous: EstimatedP
 
 
 def _shown(parameter: EstimatedParameter) -> str:
-    """Format value and standard error to the error's first digit.
-
-    Neither has a power of ten.
-    """
+    """Format value and standard error to the error's first digit."""
     error = parameter.standard_error
     digits = max(0, -math.floor(math.log10(float(f"{error:.0e}")))) if 0.0 < error < math.inf else 3
     return f"{parameter.value:.{digits}f} ± {error:.{digits}f}"

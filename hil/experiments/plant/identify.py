@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.design.estimation import UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
 from hil.design.modes.fit import fit_modes
@@ -55,7 +56,7 @@ from hil.experiments.plant.pilot import (
     set_point_room_nm,
 )
 from hil.experiments.plant.probe import probe_motion, probe_trouble
-from hil.master.motion import Real, RunResult
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -77,15 +78,8 @@ CALMER = 0.6
 class PlantIdentification:
     """Identification of a plant on a session that has been brought up.
 
-    Args:
-        session: Session that has been brought up.
-        request: Axis, band and excitation.
-        reporter: Listener of each run.
-
     Attributes:
         recordings: Recordings so far, by name, also where the identification fails.
-        checks: Checks so far.
-        remarks: Sentences for the engineer so far.
     """
 
     def __init__(self, session: Session, request: PlantRequest, reporter: Reporter = SILENT) -> None:
@@ -127,8 +121,6 @@ class PlantIdentification:
 
     def perform(self) -> PlantEvaluation:
         """Make all runs and fit the plant.
-
-        The runs are the probe, the pilot, the slow run and the main runs.
 
         Raises:
             PlantNotIdentifiedError: The data do not identify the plant; with every reason.
@@ -184,9 +176,6 @@ class PlantIdentification:
         """Turn the motor a third of a turn and back.
 
         Faults that must not be found at full travel are found here.
-
-        Raises:
-            PlantNotIdentifiedError: Encoder, brake or arm are not as they must be.
         """
         self._reporter.step("a third of a turn and back")
         planned = probe_motion(self.bench, self.request, self.start_rev)
@@ -207,9 +196,6 @@ class PlantIdentification:
         """Estimate the plant roughly by short runs at small amplitudes.
 
         Returns also the room that the main run's excitation has.
-
-        Raises:
-            PlantNotIdentifiedError: There is no resonance in the band, or it is not seen at any amplitude within the limits.
         """
         band = pilot_band(self.request, self.bench.bus.sync_period_s)
         travel = self._travel(band, is_pilot=True)
@@ -286,10 +272,7 @@ class PlantIdentification:
         return self._with_modes(replace(data, tip=None), spring_nm_rad, estimate)
 
     def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
-        """Fit the plant, for an arm with several modes.
-
-        Their number is the one that the data support.
-        """
+        """Fit the plant, for an arm with several modes."""
         single = self._fit(data, spring_nm_rad, near)
         if self.bench.arm is None:
             return single
@@ -298,8 +281,6 @@ class PlantIdentification:
 
     def _compared(self, estimate: PlantEstimate, rough: PlantEstimate) -> tuple[PlantEstimate, str | None]:
         """Widen the errors for other torsions, and describe the gear.
-
-        The words concern several modes, or the dependence on the amplitude.
 
         Several modes are not compared between amplitudes, since a pilot may have shown fewer.
         """

@@ -14,13 +14,13 @@ import numpy as np
 
 from drive_profiles.family.profile import Profile
 from hil.bench.bench import AxisTable, Bench, Limits
+from hil.control.arrays import Complex, Real
 from hil.control.excitation import Excitation, band_lines, chirp, multisine, quiet_bias_rps
 from hil.control.trajectory import Smooth, sample_times
-from hil.design.frequency import Complex
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, takes_torque_offset
 from hil.experiments.motions import MARGIN_REV
-from hil.master.motion import Motion, Real
+from hil.master.motion import Motion
 from hil.master.run import APPROACH_RAMP_S
 from hil.master.whereabouts import move_command
 
@@ -55,14 +55,11 @@ class PlantRequest:
     """Request of a plant identification.
 
     Attributes:
-        axis: Axis number.
         amplitude_nm: Peak of the excitation as a torque at the motor; None to choose it by a pilot run.
         low_hz: Lower end of the band; None to choose it by the pilot run.
         high_hz: Upper end of the band; None to choose it by the pilot run and the SYNC period.
         bias_rps: Approximate motor speed under the excitation; None for one at which the transmission error does not ring.
-        periods: Least number of periods to average over.
         excitation: Signal to which the excitation is added; `auto` for the torque where the drive allows it.
-        shape: Form of the excitation.
         with_accelerometer: Use the accelerometer, and refuse where it does not follow the axis.
         posture_deg: Angles of an arm's joints, by axis, to which the arm is brought first and from which it comes back.
     """
@@ -98,12 +95,9 @@ class Travel:
     """Travel of the axis under the excitation.
 
     Attributes:
-        bias_rps: Motor speed under the excitation.
         wave: One period of the excitation.
         per_stretch: Periods of each stretch that are evaluated, after one to settle.
         stretches: Number of stretches, back and forth.
-        low_rev: Lower end of the travel, as the drive counts.
-        high_rev: Upper end.
     """
 
     bias_rps: float
@@ -133,8 +127,6 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
 def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
     """Demand of the runs on the bus.
 
-    An excitation of the torque is one more object in each command.
-
     Raises:
         NotPossibleError: The bench has no such axis.
     """
@@ -146,26 +138,12 @@ def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
     return BusDemand(title, (request.axis,), bench.bus.sync_period_s, with_torque_offset=by_torque)
 
 
-def stretch_rev(bias_rps: float, period_s: float, periods: int) -> float:
-    """Motor turns of a stretch.
-
-    The stretch has one period to settle, the evaluated periods, and a ramp at either end.
-    """
-    return bias_rps * (period_s * (1 + periods) + APPROACH_RAMP_S)
-
-
 def plan_travel(
     bench: Bench, request: PlantRequest, band: Band, start_rev: float, excited: ExcitedSignal, *, is_pilot: bool = False
 ) -> Travel:
     """Plan the travel for the requested periods.
 
-    It lies between the position limits, and has as few stretches as possible.
-
     Args:
-        bench: The bench file.
-        request: Axis and excitation.
-        band: Band and bias speed.
-        start_rev: Present position of the motor, rev.
         excited: Signal to which the excitation is added.
         is_pilot: A single stretch of three periods.
 
@@ -190,7 +168,8 @@ def plan_travel(
     for wanted_rps in (factor * band.bias_rps for factor in slower):
         for period_s, periods in _periods(request, is_pilot=is_pilot):
             bias = quiet_bias_rps(wanted_rps, period_s, periods)
-            length = stretch_rev(bias, period_s, periods)
+            # a period to settle, those that are evaluated, a ramp at either end
+            length = bias * (period_s * (1 + periods) + APPROACH_RAMP_S)
             needed = min(needed, length)
             if length > high - low:
                 continue
@@ -274,10 +253,7 @@ def _wave(
 
 @dataclass
 class MotionBuilder:
-    """Builder of a motion from pieces, in motor turns.
-
-    Positions count from the start; the motor rests between pieces.
-    """
+    """Builder of a motion from pieces, in motor turns."""
 
     sync_s: float
     turns: list[Real] = field(default_factory=lambda: [np.zeros(1)])
@@ -336,7 +312,6 @@ class PlannedMotion:
     """Motion with the rows that are evaluated.
 
     Attributes:
-        motion: Motion of the robot.
         bias_rad: The motion without the excitation, from its start; shape (n,).
         excitation: Excitation in N·m or rad; shape (n,).
         stretches: Evaluated rows at constant speed.
@@ -356,9 +331,6 @@ def planned(
     """Finish a builder's motion, with its evaluated rows and their speeds.
 
     Args:
-        builder: The finished builder.
-        request: Request of the identification.
-        excited: Signal to which the excitation was added.
         stretches: Evaluated rows.
         speeds: Speed of each stretch, rev/s, signed.
     """
@@ -377,13 +349,7 @@ def planned(
 def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float, fastest_rps: float) -> PlannedMotion:
     """Plan the slow motion for friction and gravity.
 
-    It goes back and forth at four speeds, one of them over the whole travel.
-
     Args:
-        bench: The bench file.
-        request: Request of the identification.
-        travel: Travel of the axis.
-        start_rev: Present position of the motor, rev.
         fastest_rps: Fastest of the speeds, unless the bias speed is.
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
@@ -417,12 +383,7 @@ def excited_motion(
     """Motion back and forth at the bias speed under the excitation.
 
     Args:
-        bench: The bench file.
-        request: Request of the identification.
-        travel: Travel of the axis.
-        start_rev: Present position of the motor, rev.
         excited: Signal to which the excitation is added.
-        amplitude_nm: Peak of the excitation.
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
     builder.rest(0.1)

@@ -1,7 +1,7 @@
 """Run of `hil identify plant` on a bench."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from hil.bench.bench import Bench
@@ -28,11 +28,6 @@ from hil.results.plant import (
 )
 
 
-@dataclass(frozen=True)
-class PlantOutcome(MeasurementOutcome[PlantResult]):
-    """End of a plant identification."""
-
-
 def run_identify_plant(
     bench: Bench,
     request: PlantRequest,
@@ -42,19 +37,13 @@ def run_identify_plant(
     channel: Channel | None = None,
     overload: bool = False,
     reporter: Reporter = SILENT,
-) -> PlantOutcome:
+) -> MeasurementOutcome[PlantResult]:
     """Identify a plant, and write `out/runs/*.csv`, `out/bus.log`, `out/result.json` and the model file.
 
     Where the plant was not identified, the recordings and a result with the reasons are written, but no model file.
 
     Args:
-        bench: The bench file.
-        request: Axis, band and excitation.
-        out: Directory of the result; made where it is missing.
         model: Model file for the plant; None for none.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
-        reporter: Listener of each run and its progress.
 
     Raises:
         HilError: Nothing has moved yet: the request, nodes, limits or the bus do not allow it.
@@ -90,16 +79,13 @@ def run_identify_plant(
                 posture = felt_posture(entry, joints)
             update_file(model, bench.name, request.axis, entry, posture, keeps_known=bool(request.posture_deg))
             result.model_file = str(model)
-    return PlantOutcome(measurement.result, measurement.failure)
+    return MeasurementOutcome(measurement.result, measurement.failure)
 
 
 def _perform(
     measurement: Measurement[PlantResult], session: Session, request: PlantRequest, reporter: Reporter
 ) -> PlantEvaluation:
-    """Identify a plant, and keep recordings, checks and remarks.
-
-    The result has them also if the identification fails.
-    """
+    """Identify a plant, and keep recordings, checks and remarks."""
     result, identification = measurement.result, PlantIdentification(session, request, reporter)
     try:
         return identification.perform()
@@ -107,19 +93,14 @@ def _perform(
         result.not_identified = error.reasons
         raise
     finally:
-        result.checks = tuple(
-            PlantCheck(**{name: getattr(check, name) for name in PlantCheck.model_fields}) for check in identification.checks
-        )
+        result.checks = tuple(PlantCheck.model_validate(check, from_attributes=True) for check in identification.checks)
         result.remarks = tuple(identification.remarks)
         for name, recording in identification.recordings.items():
             result.recordings[name] = measurement.keep(recording, f"identify-plant-axis{request.axis}-{name}")
 
 
 def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
-    """Enter an evaluation into a result.
-
-    Values are in SI units, each with its standard error.
-    """
+    """Enter an evaluation into a result."""
     estimate, travel = evaluation.estimate, evaluation.travel
     result.plan = ExcitationPlan(
         excitation=evaluation.excited,
@@ -137,7 +118,7 @@ def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
     result.cannot_tell = evaluation.cannot_tell
     result.response = _response(estimate.response)
     result.tip_response = None if estimate.tip is None else _response(estimate.tip)
-    result.friction = _curve(evaluation.friction)
+    result.friction = FrictionCurve.model_validate(evaluation.friction, from_attributes=True)
 
 
 def _friction_parameters(friction: Friction) -> dict[str, EstimatedParameter]:
@@ -157,16 +138,4 @@ def _response(response: ResponseEstimate) -> FrequencyResponseEntry:
         deviation=response.deviation.tolist(),
         radius=response.radius.tolist(),
         coherence=response.coherence.tolist(),
-    )
-
-
-def _curve(friction: Friction) -> FrictionCurve:
-    return FrictionCurve(
-        residual_nm=friction.residual_nm,
-        arm_span_deg=friction.arm_span_deg,
-        speed_rad_s=friction.speed_rad_s.tolist(),
-        arm_angle_rad=friction.arm_angle_rad.tolist(),
-        torque_nm=friction.torque_nm.tolist(),
-        model_nm=friction.model_nm.tolist(),
-        gravity_nm=friction.gravity_nm.tolist(),
     )

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.control.arrays import Complex, Real
 from hil.control.cancellation_table import LIMIT_USED
 from hil.control.cascade import Cascade
-from hil.design.frequency import Complex, Loop
+from hil.design.frequency import Loop
 from hil.design.plant_identification import PlantEstimate
 from hil.design.plant_problem import SamplingTiming, tip_response
 from hil.design.plant_spectra import Spectra
 from hil.experiments.plant.motion import ExcitedSignal, Travel
-from hil.master.motion import Real
 
 PILOT_FRACTION = 0.05
 """Measured with `RIGID`, where the first pilot is enough: amplitude of the pilot run as a fraction of the torque limit."""
@@ -56,10 +56,7 @@ class Peaks:
 
 @dataclass(frozen=True)
 class MeasuredPeaks:
-    """Peaks that follow the excitation, and peaks of the rest.
-
-    The rest is transmission error, noise and counts.
-    """
+    """Peaks that follow the excitation, and peaks of the rest."""
 
     driven: Peaks
     rest: Peaks
@@ -68,14 +65,11 @@ class MeasuredPeaks:
 def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samples: int, sync_s: float) -> MeasuredPeaks:
     """Measure the peaks of a stretch of whole periods.
 
-    The mean over the periods follows the excitation.
-
     Args:
         angle_rad: Motor angle less the bias motion; shape (n,).
         torque_nm: Motor torque; shape (n,).
         tip_m_s2: Tip acceleration; shape (n,); None without an accelerometer.
         samples: Rows of a period.
-        sync_s: The SYNC period.
     """
     speed = np.gradient(angle_rad, sync_s) / math.tau
     pairs = []
@@ -103,15 +97,9 @@ def predicted_peaks(
 ) -> Peaks:
     """Predict the peaks under an excitation of 1 N·m.
 
-    The plant is roughly known, and is in the drive's loop.
-
     Args:
-        estimate: The plant.
-        travel: Travel with the excitation.
-        excited: Signal to which it is added.
+        excited: Signal to which the excitation is added.
         law: The drive's gains.
-        control_s: Its control period.
-        lever_m: Tip lever of the bench file.
     """
     wave, plant = travel.wave, estimate.plant
     frequency, count = wave.frequency_hz, len(wave.wave)
@@ -142,8 +130,7 @@ def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: f
 
     Args:
         travel: Travel with the excitation, which begins at once.
-        excited: Signal to which it is added.
-        speed_limit_rps: Limit of the motor speed.
+        excited: Signal to which the excitation is added.
     """
     if excited == "torque":
         return math.inf
@@ -158,9 +145,7 @@ class Room:
     """Limits for an excitation, less what is there without it.
 
     Attributes:
-        torque_limit_nm: Limit of the torque.
         steady_nm: Mean torque of the stretch: friction and gravity.
-        bias_rps: Bias speed.
         range_m_s2: Range of the accelerometer; infinite if it is not used.
         rest: Peaks without excitation.
     """

@@ -84,7 +84,6 @@ def felt_posture(plant: IdentifiedPlant, joints_deg: Mapping[int, float]) -> Ide
     For a plant with a single mode it has that one.
 
     Args:
-        plant: The plant that was identified.
         joints_deg: Joint angles by axis, from the base on, the own one in the middle of its travel.
     """
     modes = plant.modes

@@ -8,9 +8,9 @@ import numpy as np
 
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS, inverse
 from hil.experiments.plant.motion import SLOW_RPS, MotionBuilder, PlannedMotion, PlantRequest, planned
-from hil.master.motion import Real
 from hil.recording import Recording
 
 PROBE_RPS = SLOW_RPS[0]
@@ -38,7 +38,6 @@ class ProbeTrouble:
 
     Attributes:
         about: Part that is not as it must be.
-        sentence: Sentence on what was seen.
     """
 
     about: Literal["brake", "encoder", "torque", "arm"]
@@ -46,13 +45,7 @@ class ProbeTrouble:
 
 
 def probe_motion(bench: Bench, request: PlantRequest, start_rev: float) -> PlannedMotion:
-    """Motion of the probe, towards the middle of the travel and back.
-
-    Args:
-        bench: The bench file.
-        request: Request of the identification.
-        start_rev: Present position of the motor, rev.
-    """
+    """Motion of the probe, towards the middle of the travel and back."""
     limits = bench.axis[request.axis].limits
     sign = 1.0 if start_rev <= 0.5 * (limits.position_min_rev + limits.position_max_rev) else -1.0
     builder = MotionBuilder(bench.bus.sync_period_s)
@@ -70,11 +63,7 @@ def probe_trouble(
     """Reason why the axis must not be moved on, or None.
 
     Args:
-        motion: Motion of the probe.
-        recording: Its recording, also of one that was stopped.
-        axis: Axis number.
-        torque_limit_nm: Limit of the motor torque.
-        reduction_ratio: Reduction ratio N.
+        recording: Recording of the motion, also of one that was stopped.
     """
     angle, torque = recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm")
     if len(angle) < len(motion.bias_rad):
@@ -136,7 +125,6 @@ def slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple
     Args:
         angle: Motor angle; shape (n,).
         torque: Motor torque; shape (n,).
-        motion: Motion of the probe.
     """
     rows, wanted = [], []
     for stretch, speed in zip(motion.stretches, motion.speeds_rps, strict=True):

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from hil.control.arrays import Real
 
 MOST_POINTS = 4000
 """Points of a picture: no screen shows more."""
@@ -30,8 +30,6 @@ class Picture:
     Attributes:
         x: Numbers along; shape (n,).
         y: Numbers upwards; shape (n,).
-        x_label: Quantity and unit of x.
-        y_label: Quantity and unit of y.
         limits: Values of y that are drawn as limits, by name.
         is_line: True if the points are joined.
     """
@@ -50,11 +48,8 @@ class Finding:
 
     Attributes:
         kind: Its kind, a word or two joined by hyphens.
-        severity: Weight of it.
-        remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
         node: Node-ID; None if it is of the bus.
-        picture: Numbers of its picture.
     """
 
     kind: str
@@ -112,10 +107,7 @@ def picture_of(
     limits: tuple[tuple[str, float], ...] = (),
     is_line: bool = False,
 ) -> Picture:
-    """Return a picture of many points, reduced to minima and maxima.
-
-    `x` and `y` have the shape (n,); `labels` are quantity and unit of each.
-    """
+    """Return a picture of many points, reduced to minima and maxima."""
     if len(x) > MOST_POINTS:
         width = -(-len(x) // (MOST_POINTS // 2))
         edges = np.arange(0, len(x), width)

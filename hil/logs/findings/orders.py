@@ -9,13 +9,11 @@ At a constant speed both are the same, and the log cannot distinguish them.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of
 from hil.logs.nodes import Node
 from hil.logs.trace import Trace
-
-Real = NDArray[np.float64]
 
 LEAST_REV, LEAST_ANSWERS, MOST_ANSWERS = 6.0, 512, 120_000
 """Revolutions and answers of a stretch that can be looked at, and the answers that are."""
@@ -77,10 +75,7 @@ def _stretches(position: Real, per_rev: float) -> list[slice]:
 
 
 def _line(numbers: Real, per_unit: float, low: float, high: float) -> tuple[float, float, float]:
-    """Return place, amplitude and power fraction of the highest line.
-
-    Numbers are evenly spaced, `per_unit` of them in a unit.
-    """
+    """Return place, amplitude and power fraction of the highest line."""
     grid = np.linspace(-1.0, 1.0, len(numbers))
     slow = np.polynomial.polynomial.polyfit(grid, numbers, 7)
     rest = numbers - np.polynomial.polynomial.polyval(grid, slow)

@@ -123,9 +123,6 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
     """Check the identity of a node; return the profile of its product.
 
     Args:
-        network: The bus.
-        node: Node-ID of the node.
-        profile: Drive profile with the expected identity.
         serial_number: Serial number in the bench file; None if any is accepted.
 
     Raises:
@@ -310,10 +307,7 @@ class DriveAxis:
         return float(parameter.value(raw, self.scaling))
 
     def write_limits(self) -> None:
-        """Write the bench file's limits, so that the drive enforces them.
-
-        The master alone enforces limits that the drive does not have.
-        """
+        """Write the bench file's limits, so that the drive enforces them."""
         for limit in LIMITS:
             value_si = limit.si(self.table.limits)
             if value_si is not None:
@@ -334,10 +328,7 @@ class DriveAxis:
                 self.write_parameter(name, value)
 
     def write_notches(self, notches: tuple[Notch, ...]) -> None:
-        """Upload the filters, and switch all others off.
-
-        A filter is off while its parameters change.
-        """
+        """Upload the filters, and switch all others off."""
         held: list[Notch] = []
         for column in range(NOTCHES):
             name = f"notch_{column + 1}"
@@ -399,10 +390,7 @@ class DriveAxis:
         return f"; its control period is {1e3 * control_s:g} ms, and most drives take multiples of that" if control_s else ""
 
     def write_supervision(self, master: int, heartbeat_s: float) -> None:
-        """Let the drive watch the master's heartbeat, and send its own.
-
-        It stops by itself after three periods without a heartbeat.
-        """
+        """Let the drive watch the master's heartbeat, and send its own."""
         consumer = master << 16 | round(3e3 * heartbeat_s)
         self.snapshot.write(Object.ABORT_CONNECTION_OPTION, 0, DataType.INTEGER16, 3, "abort connection option code")
         self.snapshot.write(Object.QUICK_STOP_OPTION, 0, DataType.INTEGER16, 2, "quick stop option code")

@@ -33,7 +33,6 @@ class Limit(NamedTuple):
     Attributes:
         key: Key of the bench file.
         stems: Names of the parameter without their unit; the first one that a profile has counts.
-        unit: SI unit.
         factor: SI units per unit of the bench file.
         is_watched: True if the master holds the limit as well.
         at_least: Key of a limit that is a lower bound of the drive's value; None without one.
@@ -103,8 +102,6 @@ def value_in(parameter: Parameter, si: float, scaling: Scaling) -> float:
 
     Args:
         parameter: The parameter; its unit is SI, or one of the drive's own.
-        si: The value in SI units.
-        scaling: How the drive counts.
     """
     match parameter.unit:
         case "per mille":
@@ -140,8 +137,6 @@ def limit_words(number: int, profile: Profile, limits: Limits) -> Iterable[str]:
     """Yield a sentence per holder on limits a drive does not hold.
 
     Args:
-        number: Number of the axis.
-        profile: Drive profile.
         limits: Limits of the axis; unstated ones have no sentence.
     """
     found = holders(profile)

@@ -32,7 +32,6 @@ class CyclicMode(NamedTuple):
 
     Attributes:
         number: Its number in 6060h.
-        target: Object of the set-point.
         enabling: Bits of the control word that let it follow set-points, beside those of operation.
         loss: Disadvantage against CSP, as a sentence; empty without one.
     """

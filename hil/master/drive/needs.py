@@ -94,11 +94,7 @@ def objects_needed(
     """Yield the objects that a run needs, except a drive's scaling.
 
     Args:
-        table: Table of the axis in the bench file.
-        profile: Drive profile.
         loop: Place of the loop; None before it is known.
-        with_notch_state: True if the drive sends the state of its filter.
-        with_torque_offset: True if a torque offset is sent.
     """
     for limit in LIMITS:
         if limit.si(table.limits) is not None:
@@ -148,10 +144,7 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
     """Return sentences on what profiles or bench file lack for a run.
 
     Args:
-        bench: The bench file.
         axes: Numbers of the axes that take part; others than the bench's are left out.
-        loop: Place of the loop, drive or host.
-        with_notch: True if variable filters act.
     """
     found: list[str] = []
     in_drive = with_notch and loop == "drive"
@@ -168,10 +161,7 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
 
 
 def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
-    """Return remarks on a run's drives: limits, modes with a loss.
-
-    Limits that a drive does not hold, and modes that are worse than CSP; a sentence each.
-    """
+    """Return remarks on a run's drives: limits, modes with a loss."""
     said: list[str] = []
     for number in axes:
         if number not in bench.axis:

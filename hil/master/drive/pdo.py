@@ -40,8 +40,7 @@ class PdoConfiguration:
         communication: Index of the communication record; the mapping record is 200h above it.
         cob_id: COB-ID (sub-index 1), with its flags.
         transmission_type: Transmission type (sub-index 2).
-        mapped: Mapping parameters in use.
-        idle: Mapping parameters behind those, which a node may hold but does not use.
+        idle: Mapping parameters behind those in use, which a node may hold but does not use.
     """
 
     communication: int

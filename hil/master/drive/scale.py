@@ -36,8 +36,7 @@ class Questions:
         """Read an integer; None if the node does not have it.
 
         Args:
-            need: The object.
-            kind: Its data type; None for an unsigned integer of any length.
+            kind: Data type of the object; None for an unsigned integer of any length.
             is_optional: Do not count it as missing.
 
         Raises:
@@ -181,10 +180,7 @@ def _rated_torque_nm(asked: Questions, number: int, table: AxisTable | NothingSt
 
 
 def _check_units(asked: Questions, number: int, profile: Profile) -> None:
-    """Refuse units for which the profile's scales are wrong.
-
-    Without the objects, the units are the default ones.
-    """
+    """Refuse units for which the profile's scales are wrong."""
     for address in () if profile.encoder is None else profile.encoder.zero:
         need = Need(object_address(address), "", "positions are counted in increments while it is 0")
         value = asked.number(need, is_optional=True)

@@ -22,10 +22,7 @@ class NumberPair:
 
     Attributes:
         group: Run, axis or model that it is of.
-        name: Its name.
-        unit: Its unit.
         old: Value of the old result; None if it has none.
-        old_error: Standard error of the old value; None if there is none.
         is_angle: True if 360 is the same as 0.
     """
 

@@ -6,12 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.arm.kinematics import Kinematics
+from hil.control.arrays import Real
 from hil.report import arm_motion, style
 from hil.report.arm_motion import MovedArm
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ABOVE, ANGLE, SIDE
-from hil.report.style import Drawing, Line, Real
+from hil.report.style import Drawing, Line
 
 POSTURES = (0.3, 0.5, 1.0)
 """Postures that are drawn, evenly along the line from its start to its end, by the strength of their lines."""
@@ -79,10 +80,7 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
 
 
 class _Loops:
-    """Loops of the tip's error about its path, magnified.
-
-    The judged time is split into stretches; each is drawn around its own point of the path.
-    """
+    """Loops of the tip's error about its path, magnified."""
 
     def __init__(self, arms: list[MovedArm], limit_mm: float) -> None:
         self.arms, self.limit_mm = arms, limit_mm

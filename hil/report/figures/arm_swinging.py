@@ -14,13 +14,14 @@ from hil.arm.regressor import PER_LINK, regressor
 from hil.arm.swinging import ModeShape, mode_shapes
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedArm
+from hil.control.arrays import Real
 from hil.report import style
 from hil.report.arm_motion import MovedArm, draw_directions, draw_ground, draw_skeleton, fit_limits, moved_arms, round_down
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ANGLE, View, fullest
 from hil.report.report_table import vector_text
-from hil.report.style import Drawing, Line, Real
+from hil.report.style import Drawing, Line
 from hil.tip_swing import MOST_SWINGS, Swing, resonances_hz, spectrum_mm, swing
 
 ELLIPSE_M = 0.2
@@ -138,10 +139,7 @@ class _Stage:
         self._points_m: list[Real] = []
 
     def draw_swing(self, panel: Axes, swings: list[Swing]) -> None:
-        """Draw the arm and the ellipse of its tip at a resonance.
-
-        The posture is that of the largest swing; each run has an ellipse. An empty panel without swings.
-        """
+        """Draw the arm and the ellipse of its tip at a resonance."""
         if not swings:
             panel.set_axis_off()
             return

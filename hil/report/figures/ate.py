@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from hil.bench.model import IdentifiedError
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
@@ -24,7 +25,7 @@ from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.plotted_run import FEWEST, draw_passage, passage_panels, spread_arcsec
 from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.results.ate import AteResult, AteRun
 
 AROUND = (0.75, 1.3)
@@ -40,7 +41,6 @@ class DrawnPass:
     """One pass as it is drawn; all of shape (n,).
 
     Attributes:
-        time_s: Time from the first sample.
         speed_rps: Motor speed f_m, with its sign.
         measured: Signal in the fit's band.
         model: Prediction of the model in that band.
@@ -139,10 +139,7 @@ def shown_orders(part: IdentifiedError) -> list[float]:
 
 
 def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
-    """Draw θ_sync over two motor revolutions with its confidence; Fig. 5.
-
-    For the paper's robot also θ_sync of its Table 2.
-    """
+    """Draw θ_sync over two motor revolutions with its confidence; Fig. 5."""
     if part is None:
         return None
     error, key = error_of(part), f"waveform-axis{axis}"

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.analysis import motor_speed_rps
+from hil.control.arrays import Real
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
@@ -13,7 +14,7 @@ from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import Material
 from hil.report.paper import TABLE_1
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 
 
 def plants(material: Material) -> Drawing | None:
@@ -91,7 +92,7 @@ def transmission_errors(material: Material) -> Drawing | None:
     )
 
 
-def _difference(panel: Axes, estimate: JointEstimate, table: TransmissionError, turns: style.Real, source: str) -> None:
+def _difference(panel: Axes, estimate: JointEstimate, table: TransmissionError, turns: Real, source: str) -> None:
     """Draw the identified error less that of a file, with a band of two standard errors around zero."""
     spread = plotted.spread_arcsec(estimate.error, estimate.amplitude_error_arcsec, estimate.phase_error_deg, turns)
     panel.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
@@ -127,7 +128,7 @@ def _beside(number: int) -> str:
     return f"\n(paper: {TABLE_1[number].f_al_hz:.2f} Hz)" if number in TABLE_1 else ""
 
 
-def _arcsec(error: TransmissionError, turns: style.Real) -> style.Real:
+def _arcsec(error: TransmissionError, turns: Real) -> Real:
     return np.asarray(np.degrees(error.angle_rad(2.0 * np.pi * turns)) * 3600.0)
 
 

@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 
 from hil.analysis import motor_speed_rps
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
 from hil.design.frequency import Loop, Margins, acceleration_bound, margins
 from hil.design.notch_problem import Requirements
 from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.report import style
 from hil.report.material import Material, treatment_name
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.report.tables.paper_runs import filters_end
 from hil.results.acted import FilterSet
 from hil.robot_tables import NotchTable
@@ -39,7 +40,6 @@ class NotchFigures:
     """Figures of filters that acted together.
 
     Attributes:
-        material: Result, bench and recordings.
         nth: Which of the filters on the page these are, from 0.
     """
 
@@ -124,10 +124,7 @@ class NotchFigures:
         return 1
 
     def families(self) -> Drawing | None:
-        """Draw |F_n| and |G_al| from f_s to f_e; Fig. 11.
-
-        And |G_al| on the line ω = 2π k f_m, with constraint (5).
-        """
+        """Draw |F_n| and |G_al| from f_s to f_e; Fig. 11."""
         if not self.axes:
             return None
         figure, panels = style.panels(3, len(self.axes), 7.0, sharex="row", sharey="row", height_ratios=(2, 3, 3))
@@ -347,10 +344,7 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
 
 
 def draw_critical_point(panel: Axes, *circles: tuple[float, str, style.Line]) -> None:
-    """Draw the unit circle and −1, with circles around it, in a Nyquist diagram.
-
-    Each circle has radius, name and line style.
-    """
+    """Draw the unit circle and −1, with circles around it, in a Nyquist diagram."""
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
     for radius, name, look in circles:

@@ -12,10 +12,11 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from hil.analysis import motor_speed_rps
+from hil.control.arrays import Real
 from hil.design.order_map import SLOWEST_RPS, OrderMap, order_map
 from hil.recording import Recording
 from hil.report import palette, style
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.report.zoomable import keep_map
 
 ORDERS: Real = np.linspace(0.5, 10.0, 96)
@@ -39,7 +40,6 @@ class MarkedResonance:
     """Frequency at which the tip rings.
 
     Attributes:
-        hz: The frequency; None if it is not known.
         symbol: `f_al`, the peak of |G_al| of the closed loop, or `f_a`, the arm on its gear with the motor held.
     """
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.control.shapers import EI_TOLERANCE, Shaper, SwingingMode
 from hil.experiments.treatment import TITLES
 from hil.experiments.window import stop_row
@@ -60,12 +61,12 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
     return style.drawing(figure, key, title, caption, material.word)
 
 
-def _after(recording: Recording, axis: int) -> tuple[style.Real, ...]:
+def _after(recording: Recording, axis: int) -> tuple[Real, ...]:
     """Time and acceleration around a stop; shapes (m,)."""
     row, period = stop_row(recording, axis), recording.period_s
     first, last = max(0, row - round(BEFORE_S / period)), min(len(recording.time_s), row + round(SHOWN_S / period))
     tip = recording.felt_m_s2 - np.mean(recording.felt_m_s2[-(len(recording.time_s) - row) // 4 :])
-    time: style.Real = period * np.arange(first - row, last - row, dtype=np.float64)
+    time: Real = period * np.arange(first - row, last - row, dtype=np.float64)
     return style.thin(time, tip[first:last])
 
 

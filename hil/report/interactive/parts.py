@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from hil.control.arrays import Real
 from hil.errors import NotPossibleError
-from hil.report.zoomable import Real, ZoomCurve, ZoomFigure, ZoomMap, ZoomPanel
+from hil.report.zoomable import ZoomCurve, ZoomFigure, ZoomMap, ZoomPanel
 
 LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
 OWN = ("plotting.js", "zoom.js")
@@ -30,7 +31,6 @@ class InteractiveParts:
 
     Attributes:
         policy: Content security policy: the page may run and load these scripts only.
-        style: Rules for the figures.
     """
 
     policy: str
@@ -67,15 +67,8 @@ def _scripts() -> tuple[str, ...]:
     library, own = resources.files("bokeh") / "server" / "static" / "js", resources.files("hil.report.interactive")
     texts = [(library / name).read_text(encoding="utf-8") for name in LIBRARY]
     texts += [(own / name).read_text(encoding="utf-8") for name in OWN]
-    return tuple(_inline(text) for text in texts)
-
-
-def _inline(text: str) -> str:
-    """Make a script safe to inline.
-
-    It cannot end its element early, and has the line ends that a browser hashes.
-    """
-    return text.replace("\r\n", "\n").replace("</script", "<\\/script").replace("<!--", "<\\!--")
+    # inlined they cannot end their element early, and have the line ends that a browser hashes
+    return tuple(text.replace("\r\n", "\n").replace("</script", "<\\/script").replace("<!--", "<\\!--") for text in texts)
 
 
 def _hash(text: str) -> str:

@@ -43,7 +43,6 @@ class ComparedMotion:
     """Figures of a motion of a robot with every treatment.
 
     Attributes:
-        material: Result and recordings of its runs.
         axis: Axis of a motion of one axis, else None.
         several: True if the comparison has more than one robot.
     """
@@ -142,10 +141,7 @@ class ComparedMotion:
         return figure
 
     def _shade(self, panel: Axes, recording: Recording) -> None:
-        """Shade the judged window, and limit the panel's time.
-
-        The time begins before the window of the fourth harmonic and ends behind that of the second.
-        """
+        """Shade the judged window, and limit the panel's time."""
         time, axis = recording.time_s, self.axis
         plotted.shade_judged(self.material, panel, axis, recording)
         if axis is None:
@@ -221,10 +217,7 @@ def page_of(directory: Path, result: TreatmentTable) -> Page:
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:
-    """Return the name of the bench of a tour without robots.
-
-    The tour ended before a run; `none` without a bench file.
-    """
+    """Return the name of the bench of a tour without robots."""
     try:
         return load_bench(directory / result.tour.bench_file).name if isinstance(result, TourResult) else "none"
     except FileError:

@@ -200,10 +200,7 @@ def stopped(material: Material) -> list[tuple[str, str]]:
 
 
 def verdict(material: Material) -> PageVerdict:
-    """Return the verdict on the paper's claims, or on the specification.
-
-    Claims count if they were judged; otherwise the runs are compared with the specification.
-    """
+    """Return the verdict on the paper's claims, or on the specification."""
     claims = material.result.paper
     failed = [claim for claim in claims if claim.holds is False]
     held = [claim for claim in claims if claim.holds is True]

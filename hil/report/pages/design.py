@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from hil.analysis import tip_displacement_mm
 from hil.bench.design import notch_table
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.design.frequency import acceleration_bound
 from hil.design.notch_design import VERDICT_STEPS, NotchVerdict
 from hil.design.ramp import follow
@@ -21,7 +22,7 @@ from hil.report.figures import notch as notches
 from hil.report.origin import origin_of_design
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 
 
 def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
@@ -223,10 +224,7 @@ def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style
 
 
 def families(outcome: NotchDesignOutcome) -> Drawing | None:
-    """Draw |F_n| and |G_al| from f_s to f_e; Figs. 9 and 11.
-
-    And |G_al| on the line ω = 2π k f_m, for each filter.
-    """
+    """Draw |F_n| and |G_al| from f_s to f_e; Figs. 9 and 11."""
     best = outcome.best
     own = [notch for notch in best.notches if notch.order in outcome.request.orders]
     if not own:

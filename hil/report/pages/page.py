@@ -29,11 +29,7 @@ class PageHead:
         bench: Name of the bench, or of several, of the page.
         started_utc: Instant at which the runs began; None if nothing was run.
         notes: Sentences on missing parts of the page.
-        heading: Title above the verdict.
-        subtitle: Sentence below the title.
         aftermath: One sentence per setting that was not restored on the drives.
-        origin: Origin of the numbers: a robot, or an emulated one.
-        is_paper: True for the paper's robot.
         is_bench: True if `bench` is a bench; False if it is a subject in words.
     """
 
@@ -84,7 +80,6 @@ class PageVerdict:
 
     Attributes:
         kind: Which chooses colour and sign; `stopped` has the colour of `bad`.
-        details: Sentences below the headline.
     """
 
     kind: Literal["good", "bad", "stopped", "open"]
@@ -102,7 +97,6 @@ class CardStep:
     """One treatment's number on a card.
 
     Attributes:
-        mark: Mark of the specification.
         name: Treatment in words; empty if the card has one step only.
     """
 
@@ -117,7 +111,6 @@ class Card:
     """A motion's number without treatment, and with each treatment.
 
     Attributes:
-        unit: Unit of all numbers.
         steps: The treatments, in the order in which they are read.
     """
 
@@ -132,10 +125,7 @@ class Page:
     """Content of a page.
 
     Attributes:
-        head: Title, bench and notes.
-        verdict: Result in a sentence, at the top.
         sections: Chapters in the order in which they are read.
-        cards: Numbers before and after, below the verdict.
         provenance: Names and texts on place, time and versions of the runs.
     """
 
@@ -225,7 +215,6 @@ def render(path: Path, page: Page, *, is_interactive: bool = False) -> Path:
 
 
 def _interactive(sections: Iterable[Section]) -> InteractiveParts | None:
-    """Return the parts of an interactive page."""
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hil.design.frequency import Complex, Real
+from hil.control.arrays import Complex, Real
 from hil.design.modes.problem import ArmMode, modal_angle, modal_tip
 from hil.design.plant_problem import angle_response, tip_response
 from hil.report import style

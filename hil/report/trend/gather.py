@@ -51,8 +51,6 @@ class GatheredRuns:
     """All runs below a folder.
 
     Attributes:
-        runs: Their windows by date.
-        left_out: Results that were not read, with the reason.
         others: Number of results of other commands, by command.
         copies: Number of results that are a copy of another.
     """

@@ -94,7 +94,6 @@ class DriveData:
 
     Attributes:
         row: Row of the axis in `Axes.rows`.
-        motion: The axis' row of process data.
         process: The axis' row of `Axes.processes`.
         on_units: Called when `counting` has changed.
     """

@@ -20,7 +20,6 @@ def load_encoder_entries(encoder: LoadEncoder, position: ObjectAddress = FIRST) 
     """Return position, velocity and steps per revolution of an additional encoder.
 
     Args:
-        encoder: The encoder.
         position: Where the drive shows its position; another than the standard's is the only object that it then has.
     """
     if position != FIRST:

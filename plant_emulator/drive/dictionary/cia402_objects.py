@@ -50,7 +50,6 @@ def cia402_entries(
     """Return all CiA 402 entries for this motor and these modes.
 
     Args:
-        encoder_counts_per_rev: Counts of the encoder per motor revolution.
         rated_torque_mnm: Rated torque in mN·m (6076h).
         max_torque_per_mille: Largest torque in thousandths of the rated torque (6072h, 60E0h, 60E1h).
         modes: Modes of operation of the drive (6502h).

@@ -22,7 +22,6 @@ class Counting:
     object of 32 bits and whole numbers reach.
 
     Args:
-        scaling: The units of the drive.
         offset_counts: The position that the drive shows, less the encoder's counts: homing shifts the zero by it.
 
     Attributes:

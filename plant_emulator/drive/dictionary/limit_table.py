@@ -53,8 +53,6 @@ class Limit:
     """An object that limits the motion, ramp or window.
 
     Args:
-        index: The object.
-        quantity: Physical quantity of its value.
         field: Field of `MOTION` that it fills by itself, a time in control periods; None if more belongs to it.
         unscaled: Limit that acts where the family states the object without a scale; None: its number is read as the standard's.
         is_ramp: A value of 0 would have no end, and counts as 1.

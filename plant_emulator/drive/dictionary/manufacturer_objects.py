@@ -74,13 +74,8 @@ def drive_entries(
     """Return all entries of a drive with this motor, at factory settings.
 
     Args:
-        encoder_counts_per_rev: Counts of the encoder per motor revolution.
-        rated_torque_mnm: Rated torque in mN·m.
-        max_torque_per_mille: Largest torque in thousandths of the rated torque.
-        control_period_ns: Control period in ns.
         gains: K_pp in 1/s, K_vp in N·m·s/rad, K_vi in N·m/rad, and the low-pass in Hz.
         serial_number: Serial number in 1018h.
-        rated_current_ma: Rated current in mA.
     """
     identity = {"vendor_id": VENDOR_ID, "product_code": PRODUCT_CODE, "revision": REVISION, "serial_number": serial_number}
     entries = communication_entries(device_type=DEVICE_TYPE, name="Emulated servo drive", **identity)

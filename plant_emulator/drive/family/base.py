@@ -27,9 +27,6 @@ class DriveFamily(ABC):
     Attributes:
         profile: Name of the profile that describes the drive.
         scaling: Scaling of the drive when it leaves the factory.
-        modes: The modes that it has and that are emulated.
-        store_commands: The entries that store and restore.
-        store_limit_s: The longest that storing may take.
         steps: SI units per step of those CiA 402 objects that do not count as ours do.
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.
@@ -192,7 +189,6 @@ _entries_of_a_kind = lru_cache(maxsize=16)(objects.drive_entries)  # they never 
 
 
 def _own_entries(robot: Robot, number: int) -> list[Entry]:
-    """Return the entries of the emulated drive."""
     axis = robot.axis[number]
     gains = (0.0, 0.0, 0.0, 300.0)
     if axis.control is not None:

@@ -61,11 +61,7 @@ class FamilyDictionary:
     """Composition of the entries.
 
     Args:
-        profile: Drive profile.
-        axis: The axis that the drive moves.
         number: Number of the axis, and the drive's serial number.
-        scaling: Scaling of the drive.
-        gains: Gains of the drive.
 
     Attributes:
         commands: The entries that store and restore.

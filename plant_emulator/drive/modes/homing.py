@@ -73,7 +73,6 @@ class GoTo(NamedTuple):
 
     Args:
         counts: Position of the encoder.
-        is_hard: True if a limit switch asks for the ramp of 6085h instead of 609Ah.
     """
 
     counts: float
@@ -174,7 +173,6 @@ class Homing:
     Args:
         method: 6098h.
         present: Bits of the switches that the axis has.
-        counts_per_rev: Counts of the encoder per motor revolution.
         travel_counts: Longest search without a switch; without this bound a search for a missing switch would not end.
 
     Raises:
@@ -213,7 +211,6 @@ class Homing:
             inputs: Bits of the switches that are active.
             edges: Bits of the edges seen since the last step.
             latches: Counts at the last of each edge.
-            counts: Position of the encoder now.
             is_at_rest: True if the motor is at rest where the last demand sends it.
         """
         method = self._method

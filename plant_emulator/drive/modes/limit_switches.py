@@ -34,7 +34,6 @@ class LimitSwitches:
 
     Attributes:
         blocked: The direction that a switch forbids and the motion was stopped in: +1, -1, or 0; 0 again with another mode.
-        are_there: True if there is anything to watch.
     """
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:

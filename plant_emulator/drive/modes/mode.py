@@ -13,7 +13,6 @@ class ModeOfOperation:
 
     Attributes:
         number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 if none is chosen.
-        motion: Its mode of the drive.
         is_plain: True if SYNC means nothing more to it than that the axis gets its set-point: see `plant_emulator.image`.
         needs_gains: True if it closes a loop, which without gains would let the arm fall.
         needs_interpolation: True if its set-points come with SYNC and are interpolated, for which 60C2h must be fit.

@@ -11,12 +11,10 @@ from plant_emulator.drive.faults import NO_GAINS, NO_INTERPOLATION, NO_MODE, Dri
 from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity, MakersPosition
 from plant_emulator.drive.modes.homing_mode import HomingMode
-from plant_emulator.drive.modes.interpolated_position import InterpolatedPosition
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
 from plant_emulator.drive.modes.mode import ModeOfOperation, NoMode
 from plant_emulator.drive.modes.profile_position import ProfilePosition
-from plant_emulator.drive.modes.profile_torque import ProfileTorque
-from plant_emulator.drive.modes.profile_velocity import ProfileVelocity
+from plant_emulator.drive.modes.simple import InterpolatedPosition, ProfileTorque, ProfileVelocity
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import Power
 from plant_emulator.robots.behaviour import Behaviour
@@ -68,11 +66,9 @@ class ModeSelection:
 
         Args:
             slave: The node.
-            stage: The power stage.
             modes: The modes that the drive has, by number; at 0, the one that acts if none is chosen, or nothing.
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
-            power: Power of the state machine.
             halt_blocks: True if another mode has to wait until the halt bit is clear.
         """
         self.acting: ModeOfOperation | None = None

@@ -5,16 +5,14 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.arm.straight_line import LineError
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.experiments.motions import line_motion
 from hil.robot_tables import LineMotion, Point
 from plant_emulator.robots.arm_motions import point_of
 from plant_emulator.robots.robot import ArmRobot
-
-Real = NDArray[np.float64]
 
 LEARNT = "line"
 """The condition in which it is learnt: the bench file's line, with the whole payload."""

@@ -66,10 +66,7 @@ class TrueLine(NamedTuple):
 
     @property
     def is_worse(self) -> bool:
-        """True if the tip moves more than permitted in any direction.
-
-        The bound is the larger of the tips without a treatment and without an ATE, with a tolerance.
-        """
+        """True if the tip moves more than permitted in any direction."""
         if self.learnt is None:
             return False
         most = (max(_no_harm(before), _no_harm(least)) for before, least in zip(self.none, self.floor, strict=True))
@@ -84,7 +81,6 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
     """Return the true tip in a condition, with equal windows.
 
     Args:
-        condition: The condition.
         model: What was learnt; None if nothing was.
         left_out: Orders that the trial has left out.
     """

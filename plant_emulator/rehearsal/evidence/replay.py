@@ -32,12 +32,7 @@ HELD_OUT_FROM = 50_001
 
 
 class RecordedRobot:
-    """Folder of one robot: truth, bench file, and files of the identifications.
-
-    Attributes:
-        kind: Kind of the robot that was drawn.
-        files: Files of the identifications.
-    """
+    """Folder of one robot: truth, bench file, and files of the identifications."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.kind, self.files = folder, folder.name.partition("-")[0], PathFiles(folder)
@@ -78,8 +73,6 @@ class RecordedRobot:
 
 def record(seeds: Sequence[int], kind: str, folder: Path) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Record the robots of some seeds that are not in a folder yet.
-
-    Yields each seed with the words of its refusals. The kind is one of `many.one.KINDS` but `both`.
 
     Raises:
         ValueError: A seed is held out.

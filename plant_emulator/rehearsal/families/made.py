@@ -36,8 +36,6 @@ def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
     They hold the gains of the bench file, as if set by their maker's tool.
 
     Args:
-        robot: The robot.
-        bench: Its bench file, with gains.
         families: Families by axis; the other axes keep their drives.
     """
     gains = {number: bench.axis[number].gains(f"axis {number}") for number in families}
@@ -45,10 +43,7 @@ def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
 
 
 def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:
-    """Return the bench file of such a robot.
-
-    It states what the drives cannot report.
-    """
+    """Return the bench file of such a robot."""
     tables = {number: _table(robot.axis[number], bench.axis[number], name) for number, name in families.items()}
     changed = bench.model_copy(update={"axis": {**bench.axis, **tables}})
     longest = max((Profile.load(name).sync.min_period_s or 0.0 for name in families.values()), default=0.0)

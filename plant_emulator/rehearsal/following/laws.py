@@ -74,10 +74,7 @@ class FollowerBase(ABC):
         """Process one sample of one axis, as `FollowingLaw` does.
 
         Args:
-            angles_rad: Measured motor angle.
             references_rad: Set-point of the motion alone.
-            levers_m: Lever of the tip.
-            acceleration_m_s2: The tip's acceleration; None if it was not measured.
         """
         angle, period, own = angles_rad[0], self._period_s, self._set
         last = angle if self._angle is None else self._angle
@@ -136,10 +133,7 @@ class FollowerBase(ABC):
         """
 
     def _may(self, each: _Order, left: complex, speed: float, seconds: float) -> bool:
-        """Return True if the remainder is significant.
-
-        It must exceed the noise, and what a tip may vibrate.
-        """
+        """Return True if the remainder is significant."""
         own, omega = self._set, each.order.order * speed
         ratio, size = omega / (math.tau * self._arm.f_al_hz), abs(each.made)
         if not own.low_ratio < ratio < own.high_ratio or size == 0.0:
@@ -173,10 +167,7 @@ class FilteredLms(FollowerBase):
 
 
 class Repetition(FollowerBase):
-    """Repetitive control over the revolution of the motor.
-
-    Its samples are not equidistant in the angle.
-    """
+    """Repetitive control over the revolution of the motor."""
 
     def _learn(self, tip: float, speed: float, turned: float) -> None:
         self._turned += turned

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from drive_profiles.standard.units import Scaling, real32
 from hil.analysis import band_passed, integrated_twice
 from hil.bench.bench import Bench, Model
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Real
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.control.cascade import Cascade
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 Follower = Union[FollowingLaw, "FollowerBase"]
 """A tracking law: the product's, or one of those that are compared with it."""
-Real = NDArray[np.float64]
 
 NOISE_SEED = 4711
 NO_BEGINS: Mapping[float, float] = {}
@@ -49,7 +49,6 @@ class Assumed:
         turn_deg: Turn of each φ_k.
         stretch: Factor of f_al.
         damping: Factor of the damping.
-        delay_s: Error of the sensor's delay.
     """
 
     amplitude: float = 1.0
@@ -90,8 +89,6 @@ class Rig:
     """An axis, its cancellation, and the motion.
 
     Args:
-        robot: The robot.
-        assumed: What the follower assumes of it.
         number: Axis; the first unless given.
         bench: The bench file, for its gains; the robot's blank one unless given.
     """
@@ -147,10 +144,7 @@ class Rig:
         return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s)
 
     def _table(self, angles_rad: Real) -> CancellationTable:
-        """Return the feed-forward's table for a motion.
-
-        The master makes the same table from a whole identification.
-        """
+        """Return the feed-forward's table for a motion."""
         axis, sync_s, steps = self.axis, self.sync_s, np.abs(np.diff(angles_rad))
         pace = Pace(
             float(np.max(steps)) / sync_s / math.tau, float(np.quantile(np.abs(np.diff(angles_rad, 2)), 0.98)) / sync_s**2
@@ -192,7 +186,8 @@ class Rig:
         wanted = np.concatenate([np.full(settle, angles_rad[0]), angles_rad])
         time = np.arange(len(wanted), dtype=np.float64) * sync_s - settle * sync_s
         axes, row, periods = self._axes()
-        error = _TurnedError(axes.plant[row], only)
+        plant, turned = axes.plant[row], 0.0
+        phases = {f"phi{k}_rad": float(plant[f"phi{k}_rad"]) for k in (1, 2, 4) if only is None or k == only}
         law = CancellationLaw([self._table(angles_rad)], sync_s)
         scaling = Scaling(axis.encoder_counts_per_rev, axis.rated_torque)
         random = np.random.default_rng((noise_seed, robot.seed or 0))
@@ -202,7 +197,10 @@ class Rig:
         factors = np.ones((len(wanted), len(orders)), dtype=np.complex128)
         waiting, to_rad = axes.counts(row), math.tau / axis.encoder_counts_per_rev
         for i, reference in enumerate(wanted.tolist()):
-            error.turn(true_turn_deg(float(time[i])))
+            if (turn_deg := true_turn_deg(float(time[i]))) != turned:
+                turned = turn_deg
+                for name, phase in phases.items():
+                    plant[name] = phase + math.radians(turned)
             seen[i] = angle = axes.counts(row) * to_rad
             heard[i] = axes.sensed_acceleration()[2] + noise[i]
             arm[i], added = axes.plant_state[row]["arm_acceleration_rad_s2"], 0.0
@@ -249,24 +247,3 @@ class Rig:
         Cascade(**gains).write(axes.cascade_config[row])
         axes.open_brake(row, POSITION, periods)
         return axes, row, periods
-
-
-class _TurnedError:
-    """The true φ_k of a gear, which change during a run.
-
-    Args:
-        plant: The axis' constants; changed in place.
-        only: The only order that turns; None for 1, 2 and 4.
-    """
-
-    def __init__(self, plant: Any, only: float | None) -> None:
-        names = [f"phi{order}_rad" for order in (1, 2, 4) if only is None or order == only]
-        self._plant, self._phases, self._turned = plant, {name: float(plant[name]) for name in names}, 0.0
-
-    def turn(self, degrees: float) -> None:
-        """Turn the phases by an angle from their initial values."""
-        if degrees == self._turned:
-            return
-        self._turned = degrees
-        for name, phase in self._phases.items():
-            self._plant[name] = phase + math.radians(degrees)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.arrays import Real
 from hil.control.following import FollowingLaw
 from hil.control.trajectory import Smooth
 from hil.errors import NotPossibleError
@@ -18,8 +19,6 @@ from hil.experiments.judge import vibration_scale
 from plant_emulator.rehearsal.following.laws import FilteredLms, Repetition
 from plant_emulator.rehearsal.following.rig import NO_BEGINS, Assumed, Follower, Rig, RigRun
 from plant_emulator.robots.fleet import draw
-
-Real = NDArray[np.float64]
 
 LAWS = ("observer", "filtered-x LMS", "repetition")
 SPREAD = (0.01, 1.0, 0.01, 0.15, 0.5e-3)
@@ -41,9 +40,6 @@ class Outcome:
     """A law on a robot's motion; lengths are true tip in mm.
 
     Attributes:
-        seed: The robot.
-        law: The law.
-        motion: The motion.
         nothing_mm: Peak without a cancellation.
         alone_mm: Peak with the feed-forward alone.
         following_mm: Peak with the law.

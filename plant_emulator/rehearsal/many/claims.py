@@ -31,10 +31,6 @@ class RehearsalClaim:
     """One number with its goal.
 
     Attributes:
-        key: Name in files.
-        name: Name in tables, short.
-        asked: Number that is asked for, with its unit.
-        measured: Measured number, with its quantity.
         holds: True if it holds; None if nothing was measured.
     """
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
 
+from hil.control.arrays import Real
 from hil.report import style
 from hil.report.style import Drawing
 from plant_emulator.rehearsal.many.claims import CPU_S, RMS_Z
@@ -159,7 +160,7 @@ def steps(rows: Sequence[Row]) -> Drawing | None:
     return style.drawing(figure, "steps-figure", "How the steps end", caption, COMPUTED)
 
 
-def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, whole: int) -> None:
+def _inside(panel: Axes, at: Real, left: Real, counts: Real, whole: int) -> None:
     """Write each count into its bar if it fits."""
     box = {"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.8}
     for y, begin, count in zip(at, left, counts, strict=True):
@@ -193,10 +194,7 @@ def facts(rows: Sequence[Row]) -> Drawing | None:
 
 
 def _fractions(panel: Axes, pairs: Any) -> None:
-    """Draw fractions of the true in groups along a fact.
-
-    The groups have equal sizes; equal facts stay together.
-    """
+    """Draw fractions of the true in groups along a fact."""
     values, holds = pairs[:, 0], pairs[:, 1]
     distinct = np.unique(values)
     if len(distinct) <= BINS:

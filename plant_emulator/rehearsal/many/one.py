@@ -81,10 +81,7 @@ def run_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, prob
     """Run the documented path on a seed's robot.
 
     Args:
-        seed: Seed of the robot.
         kind: One of `KINDS`.
-        over_bus: Run over a bus, not in this process.
-        keep: As of `walked`.
         probed_every: Wrong corrections are tried on robots whose seed is a multiple of this; they cost as much as the path.
     """
     options = PathOptions(over_bus=over_bus, keeps_files=keep is not None, with_probes=seed % probed_every == 0)

@@ -77,10 +77,7 @@ def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
 
 
 def _spans(seeds: Sequence[object]) -> str:
-    """Return seeds in as few words as possible.
-
-    If there is one kind out of two, its seeds are every second one.
-    """
+    """Return seeds in as few words as possible."""
     numbers = sorted(seed for seed in seeds if isinstance(seed, int))
     steps = {after - before for before, after in pairwise(numbers)}
     if len(numbers) > 2 and steps == {2}:

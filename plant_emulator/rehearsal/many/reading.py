@@ -14,10 +14,7 @@ def is_done(row: Row, step: str) -> bool:
 
 
 def tips_mm(row: Row, treatment: str) -> dict[int, float]:
-    """Return the true tip by order under a treatment or `floor`.
-
-    Orders whose resonance the motion does not pass are left out, unless it passes none at all.
-    """
+    """Return the true tip by order under a treatment or `floor`."""
     found = {order: number(row, f"tip_{treatment}_k{order}_mm") for order in ORDERS}
     return {order: value for order, value in found.items() if value is not None}
 

@@ -45,8 +45,6 @@ def crashed(seed: int) -> Row:
 class Kept:
     """The rows in a folder.
 
-    They are `robots/seed-N.json`, beside the settings that they were made with.
-
     Args:
         folder: Folder of the rehearsal; created if missing.
     """

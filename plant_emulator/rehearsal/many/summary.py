@@ -20,12 +20,10 @@ class QuantityStatistics:
     Attributes:
         count: Robots of which estimate, truth and standard error are known.
         median_off: Median of the deviation: of the true value as a fraction, of an angle in degrees.
-        median_error: Median standard error, in the quantity's unit.
         rms_z: Root mean square of the deviations in standard errors.
         mean_z: Mean of the deviations in standard errors, which is the bias.
         far: Deviations of more than `FAR_Z` standard errors.
         worst_z: The largest of them, with its sign.
-        worst_seed: Seed of its robot.
     """
 
     name: str

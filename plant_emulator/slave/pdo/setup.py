@@ -115,12 +115,9 @@ class PdoSetup:
         changed: Called after an accepted change.
 
     Attributes:
-        can_id: Identifier of the frames.
-        transmission_type: Sub-index 2.
         inhibit_ns: Sub-index 3, or 0.
         event_timer_ns: Sub-index 5, or 0.
         cells: The mapped objects, without dummies.
-        packer: Layout of the frame.
         start_value: Sub-index 6: counter of the SYNC that is taken as the first, or 0.
         allows_requests: Bit 30 of the COB-ID is clear: remote requests are answered.
     """

@@ -42,7 +42,6 @@ class AdditionalChannel:
     Args:
         dictionary: Must have the record.
         index: Index of the record.
-        server: SDO server of this channel.
         changed: Called when the channel exists from now on, or no longer.
     """
 
@@ -107,12 +106,10 @@ class SdoChannels:
     Args:
         dictionary: Object dictionary that is read and written. Without 1200h the predefined channel has the identifiers of the
             predefined connection set; each of 1201h to 127Fh that is there with both COB-IDs is a channel.
-        make_server: Gives a server.
         changed: Called when the node has to listen to other identifiers.
 
     Attributes:
         servers: By the identifier of their requests, the servers of the channels that exist.
-        due: Time at which `advance` must be called, or None.
     """
 
     def __init__(self, dictionary: Dictionary, make_server: Callable[[], SdoServer], changed: Callable[[], None]) -> None:

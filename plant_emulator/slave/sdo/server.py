@@ -100,15 +100,12 @@ class SdoServer:
     all of those bytes. A checksum is offered where the client asks for one.
 
     Args:
-        dictionary: Object dictionary that is read and written.
-        response_id: Identifier of the answers.
         max_bytes: The longest value that a client may download, hence all the memory it can make the server keep.
         timeout_ns: An unfinished transfer is given up after so long a silence.
         block_size: Segments that the server takes at once, 1 to 127.
         silence_ns: A client that falls silent in the middle of a sub-block has its segments acknowledged after this time.
 
     Attributes:
-        state: Transfer that is under way.
         due: Time at which `advance` must be called, or None.
 
     Raises:

@@ -58,7 +58,7 @@ def test_the_filters_that_are_tried_scale_with_the_robots_resonance(axis_2, f_al
 
 
 def test_a_ramp_keeps_the_speed_limit_and_turns_without_a_jolt():
-    ramp = DesignRamp.of(4.0, 2.0, 9.0, 12.0, 5.0, 250e-6, 1.0, is_own=True)
+    ramp = DesignRamp.of(4.0, 2.0, 9.0, 12.0, 5.0, 250e-6, 1.0)
     speed = np.diff(ramp.reference_rad) / 250e-6 / (2.0 * np.pi)
     rate = np.diff(speed) / 250e-6
     assert speed.max() <= 9.0

@@ -1,7 +1,4 @@
-"""Joint angle against motor angle, from two encoders.
-
-The module computes the difference through the gear, and the ratio that both encoders show.
-"""
+"""Joint angle against motor angle, from two encoders."""
 
 import functools
 from collections.abc import Sequence
@@ -79,10 +76,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
 
 
 def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, per_hz2: float) -> AngleSection:
-    """Section of the joint's angle less the motor's through the gear, in rad.
-
-    The swing of the joint by (k f_m)² is in s².
-    """
+    """Section of the joint's angle less the motor's through the gear, in rad."""
     motor, speed = recorded.motor_rad[stretch.rows], _speed(recorded, stretch)
     waves = swung_waves(motor, speed, per_hz2)
     return AngleSection(motor, recorded.value["load"][stretch.rows] - motor / ratio, waves).averaged(MOST_SAMPLES)

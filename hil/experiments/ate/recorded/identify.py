@@ -77,15 +77,12 @@ class _Prepared:
     """Knowledge before the first fit.
 
     Attributes:
-        files: The recordings.
         form: Signal beside the motor angle.
         sensed: The recordings through the arm; None for two encoders.
         refined: The arm; None for two encoders.
         swing: Swing of the joint; None for a sensor, and if the recordings do not show it.
-        ratio: Reduction ratio.
         ratio_found: Reduction ratio that two encoders show; None without them.
         chosen: Number of the file, file and stretch of all that are fitted.
-        notes: Sentences so far.
     """
 
     files: list[Recorded]
@@ -141,11 +138,7 @@ def identify_recorded(
 ) -> RecordedAteResult:
     """Identify a transmission error from recordings.
 
-    The result and the page's curves are written into a directory.
-
     Args:
-        request: Recordings, axis and orders.
-        directory: Directory of the result; made where it is missing.
         bench: Bench with lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.
 
@@ -196,10 +189,7 @@ def _arm_words(arm: Arm, source: str) -> str:
 
 
 def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
-    """Stretches of a recording.
-
-    For a sensor, they leave out the beginning of a recording that starts in motion.
-    """
+    """Stretches of a recording; for a sensor, without one that starts in motion."""
     found = stretches(recorded.motor_rad, recorded.time_s)
     if not is_sensed:
         return found
@@ -217,9 +207,6 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     """Choose the signal that all files have beside the motor angle.
 
     `is_told_by_joints`: the joint's encoder gives the tip through a known plant.
-
-    Raises:
-        ContradictedError: There is none.
     """
     roles = set.intersection(*(set(each.column) for each in files))
     if "load" in roles and not request.sensorless and not (is_told_by_joints and "acceleration" in roles):
@@ -239,11 +226,7 @@ def _too_short(
     enough: Sequence[tuple[int, Recorded, list[MotionStretch]]],
     request: RecordedRequest,
 ) -> list[str]:
-    """Sentences on files without a stretch that is long enough.
-
-    Raises:
-        RecordedAteError: No file has one.
-    """
+    """Sentences on files without a stretch that is long enough."""
     words = []
     for (_, recorded, all_of), (_, _, long) in zip(moved, enough, strict=True):
         if not long:
@@ -276,7 +259,6 @@ def _ratio(
 
 
 def _fit(ready: _Prepared, request: RecordedRequest) -> _Fitted:
-    """Fit all stretches, and their parts."""
     fits, kept, moves, problems = [], [], [], []
     for number, recorded, stretch in ready.chosen:
         section = ready.section(recorded, stretch)
@@ -335,7 +317,6 @@ def _times(each: FoundStretch) -> np.ndarray:
 
 
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
-    """Entry of the model file."""
     errors: dict[str, float] = {}
     values = joint.values
     for order, value in values.items():
@@ -389,7 +370,6 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
 
 
 def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], request: RecordedRequest) -> list[str]:
-    """Sentences for the engineer."""
     notes = []
     for order, change in fitted.changes.items():
         values = [values_of(fit)[order] for _, fit in fitted.parts]
@@ -417,7 +397,6 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
 
 
 def _file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
-    """Entry of a recording."""
     columns = tuple(column.words + (", by its name" if column.is_guessed else "") for column in each.column.values())
     return RecordedFile(
         path=str(each.path), columns=columns, rows=len(each.time_s), duration_s=float(each.time_s[-1]), period_s=each.period_s,
@@ -426,7 +405,6 @@ def _file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
 
 
 def _stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
-    """Entry of a stretch or a part, with its orders."""
     values, stretch = tuple(OrderEntry(order=order, **vars(value)) for order, value in values_of(fit).items()), each.stretch
     return RecordedStretch(
         file=each.file, direction=stretch.direction, turns=stretch.turns, speed_rps=stretch.speed_rps, from_s=stretch.from_s,

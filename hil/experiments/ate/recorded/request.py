@@ -34,10 +34,7 @@ class RecordedRequest:
     """Request of an identification from recordings.
 
     Attributes:
-        files: The recordings.
-        axis: Axis number.
         said: Given columns, ratio and robot.
-        orders: Orders that are asked for.
         sensorless: True if the motor's torque is taken even where an acceleration was recorded.
     """
 
@@ -61,8 +58,6 @@ class FoundStretch:
 
     Attributes:
         file: Number of its file.
-        recorded: The file as it was read.
-        stretch: The rows.
         section: The same rows with the waves that are fitted to them.
     """
 

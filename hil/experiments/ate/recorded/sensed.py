@@ -34,9 +34,6 @@ class SensedFiles:
     Attributes:
         files: Recordings on an even grid.
         through: The same, through the arm.
-        clocks: Instants that were taken.
-        prior: What is known of the arm beforehand.
-        source: Source of it, in words.
     """
 
     files: list[Recorded]

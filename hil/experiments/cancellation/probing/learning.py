@@ -13,11 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
+from hil.control.arrays import Real
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.notch_problem import RISE
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
@@ -37,8 +37,6 @@ from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
 from hil.robot_tables import ORDERS
-
-Real = NDArray[np.float64]
 
 PROBE_ARCSEC, PROBE_ARCSEC_PER_MM = (3.0, 15.0), 30.0
 """Amplitude of a probe at least and at most, and for each mm of the tip's peak without cancellation: of the size of that."""
@@ -77,17 +75,13 @@ def learn_on_motion(
     """Learn the transmission errors of all axes of a motion by running it.
 
     Args:
-        session: Session that has been brought up.
-        motion: The motion.
         axis: The axis of a ramp; None for a line of the tip.
         identified: The model file: the motors' inertias; None: the bench file's models.
-        orders: Orders that are learnt.
         probe_arcsec: Amplitude of a probe; None: by what the tip does without cancellation.
         inertias_kg_m2: J_m from data sheets by axis, where neither file has a plant.
         pace: Multiple of a line's time in which it is learnt as well; None: none.
         keep: Keeper of every run, a stopped one included, before it is checked.
         read: Reader of the learning, which is given it before the first run, as it may end early.
-        reporter: Listener of each run.
 
     Raises:
         NotPossibleError: An inertia is missing, no band is known, or the motion reaches no order or shows too little.
@@ -149,11 +143,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 
 
 def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
-    """List the orders in the band of the motion; others are `not reached`.
-
-    Raises:
-        NotPossibleError: There is none.
-    """
+    """List the orders in the band of the motion; others are `not reached`."""
     assert learning.probed is not None  # noqa: S101 - of the first base run
     low, high = learning.scale.band_hz
     parts = []
@@ -178,8 +168,6 @@ class _Led:
     """Settings to which runs have led.
 
     Attributes:
-        parts: Orders of axes.
-        effects: Effect of each.
         vector: Settings of all parts.
         step: The last step to the settings, with its errors.
         run: Run with them; None before one.
@@ -193,11 +181,7 @@ class _Led:
 
 
 def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
-    """Settings that leave least, from the level or from a run.
-
-    Raises:
-        NotPossibleError: The motion is too short for so many orders.
-    """
+    """Settings that leave least, from the level or from a run."""
     try:
         return step_to_nothing(effects, None if run is None else run.felt_m_s2, SPREAD_ARCSEC)
     except ValueError as error:
@@ -251,10 +235,7 @@ def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, l
 
 
 def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: float) -> Real:
-    """Amplitudes of the probes of the second round.
-
-    They are larger for an order that has shown little, within the limit of an axis.
-    """
+    """Amplitudes of the probes of the second round."""
     shown = np.sqrt(np.mean(effects.effects**2, axis=(1, 2)).reshape(-1, 2).mean(axis=1))
     wanted = size * np.clip(np.median(shown) / np.maximum(shown, 1e-12), 0.5, LARGEST_PROBE)
     amplitude = np.hypot(vector[0::2], vector[1::2])
@@ -269,9 +250,6 @@ def _told(learning: MotionLearning, led: _Led, least: float = CORNER_SIGMAS) -> 
     """Set insignificant orders to 0, and enter all outcomes.
 
     `least` are the standard errors from which an order is significant.
-
-    Raises:
-        MotionNotLearntError: None is.
     """
     vector = led.vector.copy()
     for index, part in enumerate(led.parts):
@@ -285,11 +263,7 @@ def _told(learning: MotionLearning, led: _Led, least: float = CORNER_SIGMAS) -> 
 
 
 def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
-    """Keep the significant orders, or also others if the tip is quieter so.
-
-    Raises:
-        MotionNotLearntError: It is quieter with neither.
-    """
+    """Keep the significant orders, or also others if the tip is quieter so."""
     vector, run = _told(learning, led), _run_of(led)
     if not np.array_equal(vector, led.vector):
         runs.say("once more with the significant orders only")
@@ -312,9 +286,6 @@ def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
     """Refuse a result that does not make the tip quieter.
 
     The peak must fall, and the whole must fall beyond the noise.
-
-    Raises:
-        MotionNotLearntError: It does not.
     """
     (peak, rms), (peak_with, rms_with) = learning.base_mm, peak_and_rms(run.moved_mm)
     noise = learning.noise_mm

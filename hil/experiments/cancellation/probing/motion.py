@@ -1,7 +1,4 @@
-"""Recordings of a probed motion.
-
-The module chooses their rows, the orders that the motion reaches, and the values that judge a run.
-"""
+"""Recordings of a probed motion."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, identified_axis
+from hil.control.arrays import Real
 from hil.design.frequency import LIKELY_DAMPING
 from hil.design.modes.fit import MODE_GRID
 from hil.design.probing import Effects, ProbedStep
@@ -22,7 +19,6 @@ from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.robot_tables import TransmissionErrorTable
 
-Real = NDArray[np.float64]
 Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
 
 CHANGES_HZ = 3.0
@@ -177,13 +173,10 @@ class PartOutcome:
     """Outcome of one order of one axis in the runs.
 
     Attributes:
-        part: Axis and order.
         outcome: `learnt`, or why it is left at 0.
         value: A e^{jφ} in arcsec; 0 if it is left out.
         amplitude_error: Standard error of A in arcsec; None if nothing is known.
-        phase_error_deg: Standard error of φ.
         seen: Fraction of it that the runs show.
-        words: The same as a sentence.
     """
 
     part: Part

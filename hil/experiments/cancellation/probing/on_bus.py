@@ -1,7 +1,4 @@
-"""Run of `hil learn --motion`: learning on a motion.
-
-It records runs on the bus, and writes the result to the model file.
-"""
+"""Run of `hil learn --motion`: learning on a motion."""
 
 import cmath
 import datetime
@@ -39,10 +36,6 @@ class MotionLearnRequest:
     Attributes:
         motion: `line-motion` or `constant-acceleration`.
         axis: The axis of the latter; None for a line.
-        orders: Orders that are learnt.
-        probe_arcsec: Amplitude of a probe; None: by what the tip does without cancellation.
-        note: Load, temperature: goes into the model file beside the date.
-        motor_inertias_kg_m2: J_m from data sheets by axis, where no plant is known.
         pace: Multiple of a line's time in which it is learnt as well; None: at its own pace alone.
     """
 
@@ -90,14 +83,8 @@ def learn_motion_on_bus(
     """Learn on a motion, and write what makes the tip quieter.
 
     Args:
-        bench: The bench file.
-        request: The motion and its probes.
-        out: Directory for recordings, bus log and result.json; made where it is missing.
         model: The model file: read for the motors' inertia, where it exists, and written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
-        channel: The bus; opened from the bench file's address, and closed, unless it is given.
-        overload: Run even what does not fit on the bus.
-        reporter: Listener of each run.
 
     Raises:
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.

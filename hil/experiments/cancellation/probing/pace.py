@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
+from hil.control.arrays import Real
 from hil.design.probing import ProbedStep, step_to_nothing
 from hil.errors import UnsafeRequestError
 from hil.experiments.cancellation.effect import Part
@@ -25,8 +26,6 @@ from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.motions import line_motion
 from hil.master.motion import Motion
 
-Real = NDArray[np.float64]
-
 SPEED_ROOM = 0.9
 """Fraction of an axis' limit of speed up to which a line may go at another pace: probes and what shakes need the rest."""
 
@@ -36,9 +35,7 @@ class KnownSettings:
     """Settings of orders of axes, and how well they are known.
 
     Attributes:
-        parts: Orders of axes.
         vector: A_k cos φ_k and A_k sin φ_k of each in turn, arcsec.
-        covariance: Their covariance.
         seen: Fraction of each that the runs show.
     """
 
@@ -103,10 +100,7 @@ def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearni
 
 
 def learn_at_pace(runs: Runs, known: KnownSettings, orders: Sequence[float], spread_arcsec: float) -> KnownSettings:
-    """Learn at another pace; known settings stay unless the tip becomes quieter.
-
-    The spread is that of orders of which nothing is known.
-    """
+    """Learn at another pace; known settings stay unless the tip becomes quieter."""
     learning = runs.learning
     runs.say(f"in {learning.pace:g} times the line's time")
     runs.base()

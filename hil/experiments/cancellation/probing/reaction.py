@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from hil.analysis import band_passed
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
+from hil.control.arrays import Complex, Real
 from hil.design.ate.reaction import felt_as
 from hil.design.estimation import SURE_SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -35,9 +35,6 @@ from hil.experiments.cancellation.probing.motion import GearReaction, settings_o
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun
 from hil.experiments.cancellation.waves import ProbedRows
 from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 LOAD_HZ = 1.5
 """Bound: frequency up to which a gear's load is that of gravity and of the motion."""
@@ -52,7 +49,6 @@ class ShownReaction(NamedTuple):
 
     Attributes:
         load: τ_g as the reaction shows it, over N times the slow torque of the motor; 0 if there is none.
-        standard_error: Its standard error.
         power: Fraction of the load's power in the band that it explains.
         turned_nm: Slow torque of the motor in the direction in which it turns.
         change: Settings of all parts, as A_k cos φ_k and A_k sin φ_k in turn, by which those that bring the tip to rest change
@@ -148,9 +144,6 @@ def shown_reactions(
     """Find the gear reaction of each axis with learnt orders.
 
     Args:
-        bench: The bench file.
-        known: The model file.
-        learning: Record of the learning.
         parts: Orders of axes that were probed.
         vector: Settings about which they were.
         step: What has to be added to them, so that the tip comes to rest.
@@ -173,10 +166,6 @@ def shown_reactions(
 def _shown(
     axis: _Axis, parts: Sequence[Part], values: Mapping[Part, complex], loads: Effects, step: Real, recording: Recording
 ) -> ShownReaction:
-    """Fit the reaction of one axis to its load.
-
-    The load is that with the tip at rest; the fit is by least squares.
-    """
     at_rest = loads.level[0] + np.tensordot(step, loads.effects[:, 0], axes=1)
     own = {part.order: values[part] for part in parts if part.axis == axis.number}
     column, change = axis.reaction_nm(recording, own), np.zeros(2 * len(parts))

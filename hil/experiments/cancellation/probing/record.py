@@ -1,16 +1,13 @@
-"""Record of learning on a motion.
-
-It has the runs, and the outcome of each order.
-"""
+"""Record of learning on a motion."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.analysis import TipScale
+from hil.control.arrays import Real
 from hil.design.probing import RunScatter, scatter_of
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms
@@ -18,7 +15,6 @@ from hil.experiments.cancellation.waves import ProbedRows
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 
-Real = NDArray[np.float64]
 RunKind = Literal["base", "probe", "applied"]
 MotionRunKeeper = Callable[[int, RunKind, RunResult], object]
 """What keeps a run, counted from 1; it may have been stopped."""
@@ -29,9 +25,7 @@ class MotionRun:
     """One run of the motion.
 
     Attributes:
-        kind: Base run, probe, or run with the learnt values.
         values: Cancelled A e^{jφ} in arcsec, by part.
-        recording: Its recording.
         felt_m_s2: Acceleration of the tip in the rows that count; shape (3, rows).
         moved_mm: Displacement of the tip there; shape (3, rows).
         pace: Multiple of the motion's time in which it was run.
@@ -60,12 +54,8 @@ class MotionLearning:
     """Result of learning on a motion.
 
     Attributes:
-        motion: The motion.
-        scale: Scale by which it is judged.
         inertias: J_m by axis, as it was given, where no file has a plant.
         probed: Rows that count; None before the first run.
-        runs: Runs in their order.
-        outcomes: Outcome of each order of each axis.
         reactions: Reactions of the gears, as the motors' torque shows them.
         applied: Run with what is kept; None if nothing is.
         probe_arcsec: Amplitude of the probes; 0 before them.

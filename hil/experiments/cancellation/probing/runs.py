@@ -1,16 +1,13 @@
-"""Runs of a motion that is probed.
-
-They are made without a cancellation, with probes, and with the resulting settings.
-"""
+"""Runs of a motion that is probed."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.control.arrays import Real
 from hil.counting import counted
 from hil.design.probing import Effects, balanced_signs, effects_of
 from hil.errors import NotPossibleError, UnsafeRequestError
@@ -23,8 +20,6 @@ from hil.experiments.cancellation.waves import ProbedRows
 from hil.experiments.window import check_range
 from hil.master.session import Session
 from hil.reporter import Reporter
-
-Real = NDArray[np.float64]
 
 BASE_RUNS = 3
 """Bound: runs without any cancellation: before the probes, in their middle, and behind them, so that a drift is noise as well."""
@@ -42,11 +37,7 @@ class Runs:
     """The runs of a motion that is probed.
 
     Args:
-        session: Session that has been brought up.
         learning: Its record, to which each run is added.
-        known: The model file.
-        keep: Keeper of every run.
-        reporter: Listener of each run.
     """
 
     def __init__(
@@ -72,8 +63,6 @@ class Runs:
 
     def probe(self, parts: Sequence[Part], probes_arcsec: Real, level: Real | None = None) -> Effects:
         """Make probing runs, and runs at the level.
-
-        Level runs lie among the probing runs and behind them. Returns the effect of each setting.
 
         The amplitude is that of each part's probe, which is added to the level; without a level, its runs are base runs.
         """
