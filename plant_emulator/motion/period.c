@@ -1,4 +1,4 @@
-#include "period.h"
+#include "group.h"
 #include "hil/control/cancellation.h"
 #include "plant_emulator/physics/tool.h"
 #include "references.h"
@@ -189,32 +189,11 @@ void age(struct axis *axis, real period_s)
 void advance(
     integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace)
 {
-    for (integer row = 0; row < count; row++) { /* an axis feels nothing of the others: each goes through all periods alone */
-        struct axis *axis = &axes[row];
-        struct motion *m = &axis->motion;
-        struct plant_state *mechanics = &axis->plant_state;
-        struct prepared *mine = &prepared[row];
-        prepare(&axis->plant, mechanics, mine);
-        for (integer period = 0; period < periods; period++) {
-            const real torque = command(axis, period_s);
-            plant_period(mine, mechanics, torque, m->mode == BRAKED, period_s, substeps);
-            draw_noise(&axis->encoder);
-            if (axis->change.is_changing > 0.0) {
-                age(axis, period_s);
-                prepare(&axis->plant, mechanics, mine);
-            }
-            if (trace != 0) {
-                real *shown = trace + 3 * (period * count + row);
-                mechanics->arm_acceleration_rad_s2 = arm_acceleration(mine, mechanics);
-                shown[0] = mechanics->arm_angle_rad;
-                shown[1] = mechanics->arm_speed_rad_s;
-                shown[2] = mechanics->arm_acceleration_rad_s2;
-            }
-        }
-        m->wake = m->trip != 0 || m->event != 0;
-        if (periods > 0 && trace == 0) {
-            mechanics->arm_acceleration_rad_s2 = arm_acceleration(mine, mechanics);
-        }
+    /* an axis feels nothing of the others: each, or each four, go through all periods alone */
+    integer row = advance_in_lock_step(periods, period_s, substeps, axes, prepared, count, trace);
+    for (; row < count; row++) {
+        advance_group(
+            periods, period_s, substeps, &axes[row], &prepared[row], 1, trace == 0 ? 0 : trace + 3 * row, 3 * count);
     }
 }
 
@@ -269,22 +248,9 @@ void set_point(struct axis *axis, real target_counts, real period_s)
 /* Run the drive of a joint, and take the joint's state from its axis. */
 static void take_axis(struct axis *axis, const struct flexible *joints, integer i, real period_s)
 {
-    const struct plant_state *s = &axis->plant_state;
     joints->commands[i] = command(axis, period_s);
     joints->brakes[i] = axis->motion.mode == BRAKED ? 1.0 : 0.0;
-    joints->stages[STATE * joints->count + i] = (struct axis_state){
-        s->motor_angle_rad, s->arm_angle_rad, s->motor_speed_rad_s, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
-}
-
-/* Give an axis the state of its joint. */
-static void put_back(struct plant_state *s, const struct axis_state *x)
-{
-    s->motor_angle_rad = x->theta_m;
-    s->motor_speed_rad_s = x->w_m;
-    s->arm_angle_rad = x->theta_l;
-    s->arm_speed_rad_s = x->w_l;
-    s->hysteresis_nm = x->z;
-    s->torque_nm = x->tau;
+    joints->stages[STATE * joints->count + i] = state_of(&axis->plant_state);
 }
 
 void advance_arm(

@@ -37,6 +37,10 @@ void age(struct axis *axis, real period_s);
 void advance(
     integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace);
 
+/* advance for axes in lock-step, as far as the processor has vectors for it. Returns how many of count have been advanced. */
+integer advance_in_lock_step(
+    integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace);
+
 /* The row that alone moves the tip: its brake alone is open, or it is the only one. -1 where several do, or none. */
 integer single_row(const struct tip *tip, const struct axis *axes, integer count);
 
