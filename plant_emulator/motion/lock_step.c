@@ -23,22 +23,11 @@ static int has_vectors(void)
 #endif
 }
 
-LANED static void advance_four(
-    integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace,
-    integer stride)
+LANED int advance_in_lock_step(integer periods, real period_s, integer substeps, const struct advancing *axes, int count)
 {
-    advance_group(periods, period_s, substeps, axes, prepared, count, trace, stride);
-}
-
-integer advance_in_lock_step(
-    integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace)
-{
-    integer row = 0;
-    while (count - row > 1 && has_vectors()) {
-        const integer together = count - row < LANES ? count - row : LANES;
-        advance_four(
-            periods, period_s, substeps, axes + row, prepared + row, together, trace == 0 ? 0 : trace + 3 * row, 3 * count);
-        row += together;
+    if (count < 2 || count > LANES || !has_vectors()) {
+        return 0;
     }
-    return row;
+    advance_group(periods, period_s, substeps, axes, count);
+    return 1;
 }
