@@ -212,7 +212,9 @@ static void advance_axes(const struct mechanics *const *robots, integer number, 
             }
         }
     }
-    pass_through(periods, robots[0]->period_s, robots[0]->substeps, some, count);
+    if (count > 0) {
+        pass_through(periods, robots[0]->period_s, robots[0]->substeps, some, count);
+    }
 }
 
 void advance(
