@@ -44,19 +44,20 @@ INLINED pair pair_at(const real *numbers)
     return (pair){numbers[0], numbers[1]};
 }
 
+/* What the even powers of a distance count, and the odd ones by the distance, in terms t; q is its square and r that of q. */
+#define EVEN_POWERS(t, q, r) (((t(0) + q * t(2)) + r * (t(4) + q * t(6))) + r * r * ((t(8) + q * t(10)) + r * t(12)))
+#define ODD_POWERS(t, q, r) (((t(1) + q * t(3)) + r * (t(5) + q * t(7))) + r * r * (t(9) + q * t(11)))
+
 /* Sum and slope at an angle; developed anew where the grid angle is not nearer than part, 1/2 or 1, of the spacing. */
 INLINED pair sum_waves(const struct harmonic *harmonics, integer count, real angle, real part, struct waves *near)
 {
     if (!(FABS(angle - near->angle) < part * near->spacing)) { /* NaN too */
         develop_waves(harmonics, count, angle, near);
     }
-    const real d = angle - near->angle, q = d * d, q2 = q * q, q4 = q2 * q2;
-    real(*c)[2] = near->terms;
-    const pair even = ((pair_at(c[0]) + q * pair_at(c[2])) + q2 * (pair_at(c[4]) + q * pair_at(c[6]))) +
-                      q4 * ((pair_at(c[8]) + q * pair_at(c[10])) + q2 * pair_at(c[12]));
-    const pair odd = ((pair_at(c[1]) + q * pair_at(c[3])) + q2 * (pair_at(c[5]) + q * pair_at(c[7]))) +
-                     q4 * (pair_at(c[9]) + q * pair_at(c[11]));
-    return even + d * odd;
+    const real d = angle - near->angle, q = d * d, r = q * q;
+#define TERM(n) pair_at(near->terms[n])
+    return EVEN_POWERS(TERM, q, r) + d * ODD_POWERS(TERM, q, r);
+#undef TERM
 }
 
 #endif

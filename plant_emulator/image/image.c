@@ -226,7 +226,7 @@ static void move_to(struct course *course, integer instant)
     if (periods <= 0) {
         return;
     }
-    advance_all(mechanics, periods);
+    advance_all(&mechanics, 1, periods);
     course->mechanics_now += periods * course->control_period;
     for (integer row = 0; row < mechanics->count; row++) {
         course->is_open = course->is_open && !mechanics->axes[row].motion.wake;

@@ -166,11 +166,11 @@ class Axes:
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
         self.make_room(periods)
-        CORE.call.advance_all(self.shared, periods)
+        CORE.call.advance_all([self.shared], 1, periods)
 
     def make_room(self, periods: int) -> None:
-        """Make room for the arms' states and the tip after each of so many control periods."""
-        if periods <= self._has_room_for:
+        """Make room for the arms' states and the tip after each of so many control periods, where the sensor filters."""
+        if periods <= self._has_room_for or self._response is None:
             return
         self._has_room_for = periods
         self._room = CORE.pointer(np.empty((periods, len(self.numbers), 3))), CORE.pointer(np.empty((periods, 3)))
@@ -186,13 +186,7 @@ class Axes:
             set_points: In counts; shape (n, axes).
             periods: Control periods from one set-point to the next.
         """
-        samples = len(set_points)
-        trace, tips = np.zeros((samples, len(rows), CORE.call.TRACE_COLUMNS)), np.zeros((2, samples, 3))
-        given = CORE.pointer(np.array(rows, np.int64), "int64_t"), len(rows), CORE.pointer(np.array(set_points, np.float64))
-        self.make_room(periods)
-        CORE.call.follow(self.shared, periods, samples, *given, *map(CORE.pointer, (trace, *tips)))
-        counts, arm, torque = np.moveaxis(trace, 2, 0)
-        return FollowedRun(counts.astype(np.int64), arm, torque, *tips)
+        return follow_alike([self], rows, set_points, periods)[0]
 
     def counts(self, row: int) -> int:
         """The encoder's reading of an axis now."""
@@ -264,6 +258,27 @@ class Axes:
         CORE.call.sense_now(self.shared, self.tip.now_by)
         x, y, z = self.tip.now.tolist()
         return x, y, z
+
+
+def follow_alike(robots: Sequence[Axes], rows: Sequence[int], set_points: Real, periods: int) -> list[FollowedRun]:
+    """Give some axes of each robot the same set-points; see `Axes.follow`.
+
+    Robots of a core that has vectors go in lock-step, which changes no bit.
+
+    Args:
+        robots: Robots of the same periods and the same axes.
+        rows: As of `Axes.follow`, like the others.
+        set_points: In counts; shape (n, axes).
+        periods: Control periods from one set-point to the next.
+    """
+    number, samples = len(robots), len(set_points)
+    trace, tips = np.zeros((number, samples, len(rows), CORE.call.TRACE_COLUMNS)), np.zeros((2, number, samples, 3))
+    given = CORE.pointer(np.array(rows, np.int64), "int64_t"), len(rows), CORE.pointer(np.array(set_points, np.float64))
+    for each in robots:
+        each.make_room(periods)
+    CORE.call.follow([each.shared for each in robots], number, periods, samples, *given, *map(CORE.pointer, (trace, *tips)))
+    counts = trace[..., CORE.call.TRACE_COUNTS].astype(np.int64)
+    return [FollowedRun(counts[i], trace[i, :, :, 1], trace[i, :, :, 2], *tips[:, i]) for i in range(number)]
 
 
 def tip_of(robot: Robot) -> MovedTip:

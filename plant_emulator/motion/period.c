@@ -1,4 +1,4 @@
-#include "period.h"
+#include "group.h"
 #include "hil/control/cancellation.h"
 #include "plant_emulator/physics/tool.h"
 #include "references.h"
@@ -186,36 +186,44 @@ void age(struct axis *axis, real period_s)
     put_error(&axis->change, &axis->past, &axis->plant);
 }
 
+/* Axes feel nothing of each other: each, or some in lock-step, go through all periods alone. */
+static void pass_through(integer periods, real period_s, integer substeps, const struct advancing *axes, int count)
+{
+    if (!advance_in_lock_step(periods, period_s, substeps, axes, count)) {
+        for (int i = 0; i < count; i++) {
+            advance_group(periods, period_s, substeps, &axes[i], 1);
+        }
+    }
+}
+
+/* Advance the axes of robots whose links do not couple them. */
+static void advance_axes(const struct mechanics *const *robots, integer number, integer periods)
+{
+    struct advancing some[MOST_IN_STEP];
+    int count = 0;
+    for (integer robot = 0; robot < number; robot++) {
+        const struct mechanics *m = robots[robot];
+        for (integer row = 0; m->arm == 0 && row < m->count; row++) {
+            some[count++] = (struct advancing){
+                &m->axes[row], &m->prepared[row], m->trace != 0 ? m->trace + 3 * row : 0, 3 * m->count};
+            if (count == MOST_IN_STEP) {
+                pass_through(periods, m->period_s, m->substeps, some, count);
+                count = 0;
+            }
+        }
+    }
+    if (count > 0) {
+        pass_through(periods, robots[0]->period_s, robots[0]->substeps, some, count);
+    }
+}
+
 void advance(
     integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace)
 {
-    for (integer row = 0; row < count; row++) { /* an axis feels nothing of the others: each goes through all periods alone */
-        struct axis *axis = &axes[row];
-        struct motion *m = &axis->motion;
-        struct plant_state *mechanics = &axis->plant_state;
-        struct prepared *mine = &prepared[row];
-        prepare(&axis->plant, mechanics, mine);
-        for (integer period = 0; period < periods; period++) {
-            const real torque = command(axis, period_s);
-            plant_period(mine, mechanics, torque, m->mode == BRAKED, period_s, substeps);
-            draw_noise(&axis->encoder);
-            if (axis->change.is_changing > 0.0) {
-                age(axis, period_s);
-                prepare(&axis->plant, mechanics, mine);
-            }
-            if (trace != 0) {
-                real *shown = trace + 3 * (period * count + row);
-                mechanics->arm_acceleration_rad_s2 = arm_acceleration(mine, mechanics);
-                shown[0] = mechanics->arm_angle_rad;
-                shown[1] = mechanics->arm_speed_rad_s;
-                shown[2] = mechanics->arm_acceleration_rad_s2;
-            }
-        }
-        m->wake = m->trip != 0 || m->event != 0;
-        if (periods > 0 && trace == 0) {
-            mechanics->arm_acceleration_rad_s2 = arm_acceleration(mine, mechanics);
-        }
-    }
+    const struct mechanics all = {
+        .axes = axes, .prepared = prepared, .count = count, .period_s = period_s, .substeps = substeps, .trace = trace};
+    const struct mechanics *robot = &all;
+    advance_axes(&robot, 1, periods);
 }
 
 integer single_row(const struct tip *tip, const struct axis *axes, integer count)
@@ -269,22 +277,9 @@ void set_point(struct axis *axis, real target_counts, real period_s)
 /* Run the drive of a joint, and take the joint's state from its axis. */
 static void take_axis(struct axis *axis, const struct flexible *joints, integer i, real period_s)
 {
-    const struct plant_state *s = &axis->plant_state;
     joints->commands[i] = command(axis, period_s);
     joints->brakes[i] = axis->motion.mode == BRAKED ? 1.0 : 0.0;
-    joints->stages[STATE * joints->count + i] = (struct axis_state){
-        s->motor_angle_rad, s->arm_angle_rad, s->motor_speed_rad_s, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
-}
-
-/* Give an axis the state of its joint. */
-static void put_back(struct plant_state *s, const struct axis_state *x)
-{
-    s->motor_angle_rad = x->theta_m;
-    s->motor_speed_rad_s = x->w_m;
-    s->arm_angle_rad = x->theta_l;
-    s->arm_speed_rad_s = x->w_l;
-    s->hysteresis_nm = x->z;
-    s->torque_nm = x->tau;
+    joints->stages[STATE * joints->count + i] = state_of(&axis->plant_state);
 }
 
 void advance_arm(
@@ -323,21 +318,21 @@ void advance_arm(
     }
 }
 
-void advance_all(const struct mechanics *m, integer periods)
+void advance_all(const struct mechanics *const *robots, integer number, integer periods)
 {
-    const int filters = m->sections != 0;
-    if (m->arm != 0) {
-        advance_arm(
-            periods, m->period_s, m->substeps, m->axes, m->arm, filters ? m->tips : m->sensed, filters ? periods : 1);
-    } else {
-        const integer single = filters ? single_row(m->tip, m->axes, m->count) : -1;
-        advance(periods, m->period_s, m->substeps, m->axes, m->prepared, m->count, filters ? m->trace : 0);
-        if (filters) {
-            tip_trace(m->tip, m->trace, periods, m->count, single, m->tips);
+    advance_axes(robots, number, periods);
+    for (integer robot = 0; robot < number; robot++) {
+        const struct mechanics *m = robots[robot];
+        const int filters = m->sections != 0;
+        if (m->arm != 0) {
+            advance_arm(
+                periods, m->period_s, m->substeps, m->axes, m->arm, filters ? m->tips : m->sensed, filters ? periods : 1);
+        } else if (filters) {
+            tip_trace(m->tip, m->trace, periods, m->count, single_row(m->tip, m->axes, m->count), m->tips);
         }
-    }
-    if (filters) {
-        sense(m->sections, m->ring, m->size, m->tips, periods, m->sensed);
+        if (filters) {
+            sense(m->sections, m->ring, m->size, m->tips, periods, m->sensed);
+        }
     }
 }
 
@@ -365,20 +360,24 @@ void sense_now(const struct mechanics *m, real *acceleration)
 }
 
 void follow(
-    const struct mechanics *m, integer periods, integer samples, const integer *rows, integer moving, const real *set_points,
-    real *trace, real *tips, real *sensed)
+    const struct mechanics *const *robots, integer number, integer periods, integer samples, const integer *rows, integer moving,
+    const real *set_points, real *trace, real *tips, real *sensed)
 {
     for (integer i = 0; i < samples; i++) {
-        true_tip(m, tips + CHANNELS * i);
-        sense_now(m, sensed + CHANNELS * i);
-        for (integer j = 0; j < moving; j++) {
-            struct axis *axis = &m->axes[rows[j]];
-            real *shown = trace + TRACE_COLUMNS * (i * moving + j);
-            shown[TRACE_COUNTS] = axis_counts(axis);
-            shown[TRACE_ARM_ANGLE] = axis->plant_state.arm_angle_rad;
-            shown[TRACE_TORQUE] = axis->motion.torque_nm;
-            set_point(axis, set_points[i * moving + j], m->period_s);
+        for (integer robot = 0; robot < number; robot++) {
+            const struct mechanics *m = robots[robot];
+            const integer at = robot * samples + i;
+            true_tip(m, tips + CHANNELS * at);
+            sense_now(m, sensed + CHANNELS * at);
+            for (integer j = 0; j < moving; j++) {
+                struct axis *axis = &m->axes[rows[j]];
+                real *shown = trace + TRACE_COLUMNS * (at * moving + j);
+                shown[TRACE_COUNTS] = axis_counts(axis);
+                shown[TRACE_ARM_ANGLE] = axis->plant_state.arm_angle_rad;
+                shown[TRACE_TORQUE] = axis->motion.torque_nm;
+                set_point(axis, set_points[i * moving + j], m->period_s);
+            }
         }
-        advance_all(m, periods);
+        advance_all(robots, number, periods);
     }
 }

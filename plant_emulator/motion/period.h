@@ -37,6 +37,20 @@ void age(struct axis *axis, real period_s);
 void advance(
     integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace);
 
+/* An axis on its way through some control periods. */
+struct advancing {
+    struct axis *axis;
+    struct prepared *prepared;
+    real *trace;    /* its row in the first of them, or null; see advance */
+    integer stride; /* numbers from there to the next period's */
+};
+
+/* Most axes that may go in lock-step. */
+enum { MOST_IN_STEP = 4 };
+
+/* Advance up to MOST_IN_STEP axes in lock-step; 0 where the processor has no vectors for it, or there is a single axis. */
+int advance_in_lock_step(integer periods, real period_s, integer substeps, const struct advancing *axes, int count);
+
 /* The row that alone moves the tip: its brake alone is open, or it is the only one. -1 where several do, or none. */
 integer single_row(const struct tip *tip, const struct axis *axes, integer count);
 
@@ -78,12 +92,12 @@ struct mechanics {
     real *ring;                /* of size rows, for sense */
     integer size;
     real *sensed; /* what the sensor shows where it filters, or links couple the axes; else null */
-    real *trace;  /* where it filters: room for the arms after each control period, and for the tip */
+    real *trace;  /* where it filters: room for the arms after each control period, and for the tip; else null */
     real *tips;
 };
 
-/* Let some control periods pass, for which trace and tips have room. */
-void advance_all(const struct mechanics *m, integer periods);
+/* Let some control periods pass for some robots of the same periods, for which trace and tips have room. */
+void advance_all(const struct mechanics *const *robots, integer number, integer periods);
 
 /* What the sensor shows now of the tip's acceleration, before its noise. */
 void sense_now(const struct mechanics *m, real *acceleration);
@@ -91,13 +105,13 @@ void sense_now(const struct mechanics *m, real *acceleration);
 /* What follow shows of each axis at a SYNC. */
 enum { TRACE_COUNTS, TRACE_ARM_ANGLE, TRACE_TORQUE, TRACE_COLUMNS };
 
-/* A whole run of cyclic set-points: at each of samples SYNCs what is there is shown, then the set-points, one for each of moving
- * rows, take effect, and some control periods pass.
+/* A whole run of cyclic set-points, of some robots alike: at each of samples SYNCs what is there is shown, then the set-points, one
+ * for each of moving rows, take effect, and some control periods pass.
  *
- * trace becomes samples rows of moving rows of TRACE_COLUMNS; tips and sensed become rows of CHANNELS, the true acceleration of the
- * tip and what the sensor shows of it. */
+ * trace becomes, for each robot, samples rows of moving rows of TRACE_COLUMNS; tips and sensed become samples rows of CHANNELS, the
+ * true acceleration of the tip and what the sensor shows of it. */
 void follow(
-    const struct mechanics *m, integer periods, integer samples, const integer *rows, integer moving, const real *set_points,
+    const struct mechanics *const *robots, integer number, integer periods, integer samples, const integer *rows, integer moving, const real *set_points,
     real *trace, real *tips, real *sensed);
 
 #endif

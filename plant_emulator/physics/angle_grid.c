@@ -21,9 +21,9 @@ void find_constants(const struct plant *plant, struct constants *constants, stru
     k->per_stribeck_velocity = 1.0 / p->stribeck_velocity_rad_s;
     k->gear_reaction = p->gear_reaction;
     k->wind_up_softness = p->wind_up_softness;
-    k->per_wind_up_torsion = 1.0 / p->wind_up_torsion_rad;
+    k->per_wind_up_torsion = p->wind_up_softness > 0.0 ? 1.0 / p->wind_up_torsion_rad : 0.0;
     k->hysteresis_torque = p->hysteresis_torque_nm;
-    k->per_hysteresis_torsion = 1.0 / p->hysteresis_torsion_rad;
+    k->per_hysteresis_torsion = p->hysteresis_torque_nm > 0.0 ? 1.0 / p->hysteresis_torsion_rad : 0.0;
     k->current_time_constant = p->current_time_constant_s;
     k->gravity = wave(1.0, p->gravity_moment_nm, p->home_angle_rad);
     k->cogging_lines = p->is_cogging > 0.0 ? MORE_LINES : 0;

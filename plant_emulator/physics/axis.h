@@ -72,33 +72,6 @@ struct plant_state {
     real arm_acceleration_rad_s2;
 };
 
-/* The speed over which the regularised friction turns round. */
-#define FRICTION_WIDTH_RAD_S 0.05
-
-/* tanh x is 1 - 2 exp(-2x) ...: from here on the difference to 1 is 8.5e-18, which no double shows. */
-#define TANH_SATURATED 20.0
-
-/* exp(-x) is 4.2e-18 here: a Stribeck part smaller than that of the static friction is left out. */
-#define STRIBECK_DECAYED 40.0
-
-/* t_f = (t_C + (t_S - t_C) exp(-(w/w_s)^2)) tanh(w/0.05): Coulomb and Stribeck friction on the motor side, N m.
- *
- * With e = exp(-2|x|), tanh|x| = (1 - e)/(1 + e) to 2e-16; exponentials are worked out only where they are above 1e-17. */
-INLINED real friction(real coulomb_nm, real rise_nm, real per_stribeck, real speed)
-{
-    real level = coulomb_nm;
-    const real ratio = speed * per_stribeck;
-    if (ratio * ratio < STRIBECK_DECAYED) {
-        level += rise_nm * EXP(-ratio * ratio);
-    }
-    const real size = FABS(speed) / FRICTION_WIDTH_RAD_S;
-    if (size < TANH_SATURATED) {
-        const real e = EXP(-2.0 * size);
-        level *= (1.0 - e) / (1.0 + e);
-    }
-    return speed != 0.0 ? COPYSIGN(level, speed) : 0.0;
-}
-
 /* theta_sync = sum A_k cos(k theta_m + phi_k) in rad on the arm side, eq. (2); slope becomes dtheta_sync/dtheta_m. */
 real synchronous_error(const struct plant *plant, real motor_angle, real *slope);
 

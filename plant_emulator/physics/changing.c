@@ -1,4 +1,5 @@
 #include "changing.h"
+#include "friction.h"
 
 /* The gear's torque without its damping, K_g psi (1 - r exp(-(psi/psi_s)^2)) + z, N m. */
 static real spring_nm(const struct plant *p, const struct plant_state *s)

@@ -1,4 +1,5 @@
 #include "flexible.h"
+#include "rates.h"
 
 void joint_constants(const struct plant *plant, struct constants *joint, struct grid_point *near)
 {
@@ -34,12 +35,12 @@ static void flexible_rates(const struct flexible *arm, int plane, real part)
         const struct axis_state *x = &arm->stages[plane * count + i];
         struct axis_state *slope = &arm->stages[SLOPE * count + i];
         struct pose pose;
-        pair speed_rates, lag_rates;
-        find_pose(&arm->joints[i], x->theta_m, x->theta_l, part, &arm->near[i], &pose);
-        rates(
-            &arm->joints[i], &pose, arm->commands[i], arm->brakes[i] > 0.0, pair_at(&x->w_m), pair_at(&x->z), &speed_rates,
-            &lag_rates);
-        *slope = (struct axis_state){x->w_m, x->w_l, speed_rates[0], speed_rates[1], lag_rates[0], lag_rates[1]};
+        struct group alone;
+        join(&alone, 0, &arm->joints[i], &arm->near[i]);
+        find_pose(&alone, x->theta_m, x->theta_l, part, &pose);
+        rates(&alone, &pose, arm->commands[i], arm->brakes[i] > 0.0, x, slope);
+        slope->theta_m = x->w_m;
+        slope->theta_l = x->w_l;
         angles[i] = arm->links[i + 1].home_rad + x->theta_l;
         speeds[i] = x->w_l;
         torques[i] = slope->w_l;

@@ -1,4 +1,5 @@
 #include "integration.h"
+#include "rates.h"
 
 #include <string.h>
 
@@ -12,57 +13,47 @@ void prepare(const struct plant *plant, const struct plant_state *state, struct 
         find_constants(plant, &p->constants, &p->near);
     }
     if (has_changed || s->motor_angle_rad != p->pose.theta_m || s->arm_angle_rad != p->pose.theta_l) {
-        find_pose(&p->constants, s->motor_angle_rad, s->arm_angle_rad, 0.5, &p->near, &p->pose);
+        struct group alone;
+        join(&alone, 0, &p->constants, &p->near);
+        find_pose(&alone, s->motor_angle_rad, s->arm_angle_rad, 0.5, &p->pose);
     }
+}
+
+struct axis_state state_of(const struct plant_state *state)
+{
+    const struct plant_state *s = state;
+    return (struct axis_state){
+        s->motor_angle_rad, s->arm_angle_rad, s->motor_speed_rad_s, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
+}
+
+void put_back(struct plant_state *state, const struct axis_state *x)
+{
+    state->motor_angle_rad = x->theta_m;
+    state->motor_speed_rad_s = x->w_m;
+    state->arm_angle_rad = x->theta_l;
+    state->arm_speed_rad_s = x->w_l;
+    state->hysteresis_nm = x->z;
+    state->torque_nm = x->tau;
 }
 
 void plant_period(
     struct prepared *prepared, struct plant_state *state, real command, int braked, real period_s, integer substeps)
 {
-    const struct constants *k = &prepared->constants;
-    struct grid_point *near = &prepared->near;
-    struct pose here = prepared->pose, pose;
-    pair angles = {state->motor_angle_rad, state->arm_angle_rad}, speeds = {state->motor_speed_rad_s, state->arm_speed_rad_s};
-    pair lags = {state->hysteresis_nm, state->torque_nm}, w1, w2, w3, w4, z1, z2, z3, z4;
-    if (braked) {
-        speeds = (pair){0.0, speeds[1]};
-        lags = (pair){lags[0], 0.0};
-    } else if (k->current_time_constant <= 0.0) {
-        lags = (pair){lags[0], command};
-    }
-    const real h = period_s / (real)substeps;
-    const real half = 0.5 * h, sixth = h / 6.0;
-    for (integer step = 0; step < substeps; step++) { /* Nystroem's form: angles of stages by earlier accelerations */
-        rates(k, &here, command, braked, speeds, lags, &w1, &z1);
-        const pair middle = angles + half * speeds, end = angles + h * speeds;
-        find_pose(k, middle[0], middle[1], 1.0, near, &pose);
-        rates(k, &pose, command, braked, speeds + half * w1, lags + half * z1, &w2, &z2);
-        pair at = middle + half * half * w1;
-        find_pose(k, at[0], at[1], 1.0, near, &pose);
-        rates(k, &pose, command, braked, speeds + half * w2, lags + half * z2, &w3, &z3);
-        at = end + h * half * w2;
-        find_pose(k, at[0], at[1], 1.0, near, &pose);
-        rates(k, &pose, command, braked, speeds + h * w3, lags + h * z3, &w4, &z4);
-        angles = end + h * sixth * (w1 + w2) + h * sixth * w3;
-        speeds += sixth * (w1 + 2.0 * (w2 + w3) + w4);
-        lags += sixth * (z1 + 2.0 * (z2 + z3) + z4);
-        find_pose(k, angles[0], angles[1], 0.5, near, &here);
-    }
-    prepared->pose = here;
-    state->motor_angle_rad = angles[0];
-    state->motor_speed_rad_s = speeds[0];
-    state->arm_angle_rad = angles[1];
-    state->arm_speed_rad_s = speeds[1];
-    state->hysteresis_nm = lags[0];
-    state->torque_nm = lags[1];
+    struct axis_state x = state_of(state);
+    struct group alone;
+    join(&alone, 0, &prepared->constants, &prepared->near);
+    run_period(&alone, &prepared->pose, &x, command, braked, period_s, substeps);
+    put_back(state, &x);
 }
 
 real arm_acceleration(const struct prepared *prepared, const struct plant_state *state)
 {
-    const pair speeds = {state->motor_speed_rad_s, state->arm_speed_rad_s}, lags = {state->hysteresis_nm, state->torque_nm};
-    pair speed_rates, lag_rates;
-    rates(&prepared->constants, &prepared->pose, 0.0, 1, speeds, lags, &speed_rates, &lag_rates);
-    return speed_rates[1];
+    const struct axis_state x = state_of(state);
+    struct axis_state slope;
+    struct group alone;
+    join(&alone, 0, &prepared->constants, 0);
+    rates(&alone, &prepared->pose, 0.0, 1, &x, &slope);
+    return slope.w_l;
 }
 
 void plant_step(

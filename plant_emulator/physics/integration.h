@@ -17,6 +17,10 @@ struct prepared {
 /* Make prepared that of a plant in a state. */
 void prepare(const struct plant *plant, const struct plant_state *state, struct prepared *prepared);
 
+/* The state of an axis as rates has it, and back. */
+struct axis_state state_of(const struct plant_state *state);
+void put_back(struct plant_state *state, const struct axis_state *x);
+
 /* One control period under a constant torque command in N m; the arm's acceleration is left as it was.
  *
  * prepared is that of the state, and becomes that of the new one. braked: the brake holds the motor. */

@@ -15,7 +15,7 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.trajectory import sample_times
 from hil.robot_tables import Control, NotchShape
-from plant_emulator.motion.axes import Axes, FollowedRun
+from plant_emulator.motion.axes import Axes, FollowedRun, follow_alike
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.robot import Robot
 
@@ -114,7 +114,7 @@ def simulate(
         number: LawOfAxis(gains_as_uploaded(controls[number]), [as_uploaded(each.notch()) for each in notches.get(number, ())])
         for number in numbers
     }
-    run = follow(Axes(robot), laws, targets, periods, settle_s)
+    [run] = follow([Axes(robot)], laws, targets, periods, settle_s)
     return Simulation(times, numbers, targets, run.position_counts, run.arm_angle_rad, run.torque_nm, run.sensed_m_s2)
 
 
@@ -126,26 +126,27 @@ class LawOfAxis(NamedTuple):
 
 
 def follow(
-    axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[Any], periods: int, settle_s: float = SETTLE_S
-) -> FollowedRun:
-    """Run axes under their laws along set-points, after a rest.
+    robots: Sequence[Axes], laws: Mapping[int, LawOfAxis], targets: NDArray[Any], periods: int, settle_s: float = SETTLE_S
+) -> list[FollowedRun]:
+    """Run the same axes of each robot under their laws along set-points, after a rest.
 
     Args:
-        axes: The axes of a robot, at rest behind their brakes; changed.
+        robots: The axes of each, at rest behind their brakes; changed.
         laws: Law of each axis that moves, by number, in the order of the columns of `targets`.
         targets: Set-points in counts; shape (n, axes).
         periods: Control periods from one to the next.
         settle_s: Rest before the first.
     """
-    rows = [axes.row(number) for number in laws]
-    for row, law in zip(rows, laws.values(), strict=True):
-        law.cascade.write(axes.cascade_config[row])
-        for slot, notch in enumerate(law.notches):
-            notch.write(axes.notch_config[row, slot])
-        axes.open_brake(row, POSITION, periods)
-    rest = round(settle_s / (periods * axes.robot.control_period_s))
-    run = axes.follow(rows, np.concatenate([np.zeros((rest, len(rows))), targets]), periods)
-    return run.since(rest)
+    rows = [robots[0].row(number) for number in laws]
+    for axes in robots:
+        for row, law in zip(rows, laws.values(), strict=True):
+            law.cascade.write(axes.cascade_config[row])
+            for slot, notch in enumerate(law.notches):
+                notch.write(axes.notch_config[row, slot])
+            axes.open_brake(row, POSITION, periods)
+    rest = round(settle_s / (periods * robots[0].robot.control_period_s))
+    runs = follow_alike(robots, rows, np.concatenate([np.zeros((rest, len(rows))), targets]), periods)
+    return [run.since(rest) for run in runs]
 
 
 def gains_as_uploaded(control: Control) -> Cascade:

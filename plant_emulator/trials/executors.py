@@ -16,6 +16,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import urlsplit
@@ -316,23 +317,26 @@ SHARES = 8
 
 def run_all(
     keys: Iterable[Key],
-    task: Callable[..., Result],
+    task: Callable[..., Any],
     values: tuple[object, ...],
     executors: Executors,
     on_result: Callable[[Result], None],
     crashed: Callable[[Key], Result],
     most_together: int = 1,
+    *,
+    takes_bundles: bool = False,
 ) -> None:
     """Run a task for each key; hand each result over at once.
 
     Args:
         keys: First argument of each task, such as a seed.
-        task: Function of a module: a key and the values to a result.
+        task: Function of a module: a key and the values to a result; or a list of keys to a list of results.
         values: Plain values that all tasks share.
         executors: Executors of the tasks.
         on_result: Takes each result, and keeps it.
         crashed: Result of a key whose process died each time; it may raise.
         most_together: Most tasks of a bundle, which gets the values once. After a death tasks go one by one.
+        takes_bundles: True if the task takes a list of keys.
 
     Raises:
         ExecutorsLostError: All executors are lost; the tasks that they had begun have no result.
@@ -340,10 +344,11 @@ def run_all(
     waiting, deaths = deque(keys), Counter[Key]()
     size = min(most_together, max(1, len(waiting) // (SHARES * executors.capacity())))
     running: dict[Future[list[Result]], list[Key]] = {}
+    run: Callable[..., list[Result]] = task if takes_bundles else partial(_run_bundle, task)
     while waiting or running:
         for _ in range(executors.capacity() - len(running)):
             if bundle := [waiting.popleft() for _ in range(min(len(waiting), 1 if deaths else size))]:
-                running[executors.submit(_run_bundle, task, bundle, values)] = bundle
+                running[executors.submit(run, bundle, *values)] = bundle
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in done:
             bundle = running.pop(future)
@@ -359,5 +364,5 @@ def run_all(
                 on_result(result)
 
 
-def _run_bundle(task: Callable[..., Result], bundle: list[Key], values: tuple[object, ...]) -> list[Result]:
+def _run_bundle(task: Callable[..., Result], bundle: list[Key], *values: object) -> list[Result]:
     return [task(key, *values) for key in bundle]

@@ -111,7 +111,7 @@ def test_a_header_that_the_control_period_inlines_makes_the_plant_stale(tmp_path
     folder = copied(tmp_path)
     before = run(folder, FALL)
     assert float(before.stdout) != 0.0
-    edited(folder, "plant_emulator/physics/axis.h", "level *= (1.0 - e) / (1.0 + e)", "level *= (0.5 - e) / (1.0 + e)")
+    edited(folder, "plant_emulator/physics/friction.h", "level *= (1.0 - e) / (1.0 + e)", "level *= (0.5 - e) / (1.0 + e)")
     assert "plant.native was built from other sources, and cannot be rebuilt" in run(folder, FALL, CC="/no/cc").stderr
     assert abs(float(run(folder, FALL).stdout) - float(before.stdout)) > 1e-3
 

@@ -76,6 +76,12 @@ def test_a_step_of_the_plant_is_that_of_the_specification(seed):
     assert numbers(states[0]) == numbers(s)
 
 
+def test_the_exponential_of_the_core_is_that_of_the_library_but_for_its_last_digit():
+    for x in (*np.geomspace(1e-9, 699.0, 20_000).tolist(), 0.0):
+        assert plant.decay(x) == pytest.approx(math.exp(-x), rel=3e-16)
+    assert 0.0 < plant.decay(1e9) < 1e-300
+
+
 @given(SEEDS)
 def test_a_gear_that_changes_is_that_of_the_specification(seed):
     source = np.random.default_rng(seed)
@@ -167,8 +173,29 @@ def wander(axes, spec, source, rounds):
 @settings(max_examples=12)
 def test_the_control_period_is_that_of_the_specification_in_every_mode(seed):
     source = np.random.default_rng(seed)
-    axes = random_axes(source, draw(int(source.integers(0, 1000)), kind="real", axes=1 + seed % 2))
+    axes = random_axes(source, draw(int(source.integers(0, 1000)), kind="real", axes=1 + seed % 3))
     wander(axes, [plain(each) for each in axes.rows], source, 30)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_axes_in_lock_step_move_as_each_does_alone_to_the_last_bit(seed):
+    source = np.random.default_rng(seed)
+    robots = [draw(seed, kind="real", axes=3), draw(seed + 1, kind="linear", axes=3)]
+    together = np.concatenate([random_axes(source, each).rows for each in robots])
+    alone, count, trace = together.copy(), len(together), np.zeros((8, len(together), 3))
+    first, second = ((CORE.pointer(rows, "axis"), np.zeros(count, CORE.dtype("prepared"))) for rows in (together, alone))
+    prepared, others = CORE.pointer(first[1], "prepared"), CORE.pointer(second[1], "prepared")
+    for _ in range(60):
+        row = int(source.integers(0, count))
+        target, mode = int(source.integers(-3000, 3000)), int(source.choice(MODES))
+        for pointer, _ in (first, second):
+            CORE.call.set_point(pointer + row, target, PERIOD_S)
+            CORE.call.begin_mode(pointer + (row + 1) % count, mode)
+        CORE.call.advance(8, PERIOD_S, SUBSTEPS, first[0], prepared, count, CORE.pointer(trace))
+        for each in range(count):
+            CORE.call.advance(8, PERIOD_S, SUBSTEPS, second[0] + each, others + each, 1, CORE.NULL)
+        assert numbers(together) == numbers(alone)
+        assert trace[-1, :, 2].tolist() == alone["plant_state"]["arm_acceleration_rad_s2"].tolist()
 
 
 @pytest.mark.slow

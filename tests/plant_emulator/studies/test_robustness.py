@@ -147,7 +147,7 @@ def test_a_plant_is_judged_by_its_own_f_al_and_not_by_the_robot_files():
 def test_the_line_motions_metrics_are_those_of_the_report():
     made = study(None)
     judged = made.judge(0)
-    runs = [made.run(*made.draw(0), filters=filters) for filters in ({}, None)]
+    runs = [made.runs([made.draw(0)], filters)[0] for filters in ({}, None)]
     bare, filtered = (line_motion_metrics(as_recorded(made, run), 0.2, 2.2, tip_scale(run.f_al_hz)) for run in runs)
     assert judged["tip_peak_mm"] == pytest.approx(filtered.tip_peak_mm, rel=1e-9)
     assert judged["area_reduction_percent"] == pytest.approx(
@@ -551,10 +551,10 @@ def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
 class Mortal:
     """A study whose process dies of plant 3."""
 
-    def judge(self, index):
-        if index == 3:
+    def judge_some(self, indices):
+        if 3 in indices:
             os.kill(os.getpid(), signal.SIGKILL)
-        return {"index": index}
+        return [{"index": index} for index in indices]
 
 
 @pytest.mark.slow
