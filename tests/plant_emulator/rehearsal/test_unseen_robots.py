@@ -4,7 +4,7 @@ import pytest
 
 from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.one import BOTH, run_seed
-from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
+from plant_emulator.rehearsal.many.reading import accepted, is_quiet
 from plant_emulator.rehearsal.many.rows import crashed
 from plant_emulator.trials.executors import LocalProcesses, run_all
 from plant_emulator.trials.rows import csv_text
@@ -18,22 +18,20 @@ PROBED_EVERY = 5
 
 HOLD = ("wrong_refused", "whole")
 """Claims that these robots keep without an exception."""
-TWENTY, HUNDRED = (0, {"linear": 9, "real": 10}), (0, {"linear": 48, "real": 47})
-"""Robots with an accepted treatment that makes the tip worse, at most, and of each kind within the goal, at least.
-
-It is what their first run gave, but for the one robot that it made worse, and for 50288: with its true transmission error
-cancelled its tip is 0.0103 mm at 8 ms, and that it was 0.0099 mm in that run was chance. A change that costs a robot is seen."""
+BEYOND = frozenset({50203, 50229, 50247, 50254, 50262})
+"""Robots that stay beyond the goal with their true transmission error cancelled, at 0.0103, 0.0106, 0.0225, 0.0142 and 0.0186 mm:
+the first by its speed limit, the others by a SYNC of 8 ms. A change that costs another robot is seen."""
 
 
 @pytest.mark.timeout(5400)  # the longest of all begins first
 @pytest.mark.parametrize(
-    ("count", "worse", "quiet"),
+    "count",
     [
-        pytest.param(20, *TWENTY, marks=[pytest.mark.ci, pytest.mark.part], id="twenty"),
-        pytest.param(100, *HUNDRED, marks=pytest.mark.slow, id="hundred"),
+        pytest.param(20, marks=[pytest.mark.ci, pytest.mark.part], id="twenty"),
+        pytest.param(100, marks=pytest.mark.slow, id="hundred"),
     ],
 )
-def test_robots_that_were_kept_back_reach_the_numbers(tmp_path, count, worse, quiet):
+def test_robots_that_were_kept_back_reach_the_numbers(tmp_path, count):
     """One test, since the robots are walked once; table and page of them lie in its folder."""
     rows = []
     with LocalProcesses(1) as executors:  # beside a worker that waits for it: two would be one too many for its processor
@@ -48,6 +46,5 @@ def test_robots_that_were_kept_back_reach_the_numbers(tmp_path, count, worse, qu
         if not claims[key].holds
     ]
     assert missed == []
-    assert sum(bool(row["worse"]) for row in rows if accepted(row)) <= worse, claims["never_worse"].measured
-    for kind, least in quiet.items():
-        assert sum(map(is_quiet, of_kind(rows, kind))) >= least, claims[f"quiet_{kind}"].measured
+    assert [row["seed"] for row in rows if accepted(row) and row["worse"]] == []
+    assert [row["seed"] for row in rows if not is_quiet(row) and row["seed"] not in BEYOND] == []
