@@ -46,7 +46,7 @@ TRIED_ORDERS = (1, 2, 3, 4, 5, 6, 8)
 MUCH_BETTER = 0.2
 """Fraction of the vibration by which one of `TRIED_ORDERS` must explain more."""
 LEAST_OWN = 0.1
-"""Part of an order's sine that the fitted orders must not explain."""
+"""Accuracy: part of an order's sine that the fitted orders must not explain: a factor of 2 changes nothing in six scans."""
 
 
 @dataclass(frozen=True)
