@@ -20,7 +20,8 @@ Displacement = Callable[[RampMotion], Real]
 """Displacement of the tip in mm over the time of a motion, as the metric of measured runs has it."""
 
 WORSE_FRACTION, WORSE_MM = 0.05, 0.002
-"""Rise of a tip peak that is harmless, whichever is more; a ratio is reckoned from the latter where the peak is smaller."""
+"""Bound: rise of a tip peak that the requirements allow (docs/rehearsal-results.md), whichever is more; a ratio is reckoned from
+the latter where the peak is smaller."""
 RISE = 1.0 + WORSE_FRACTION
 """Largest ratio by which a filter may raise a tip peak in the speeds of any order, for any plant."""
 RISE_BESIDE = 1.15

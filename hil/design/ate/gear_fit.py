@@ -27,11 +27,11 @@ import scipy
 from hil.control.angles import ARCSEC
 from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
+from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_FROM, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
 from hil.design.ate.misfit import LEAST_MISSED
-from hil.design.ate.model import Arm, Sensing, Sweep
+from hil.design.ate.model import BAND, Arm, Sensing, Sweep
 from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
 from hil.design.estimate import Estimate
@@ -212,7 +212,7 @@ class GearFit:
         hz = start.resonance_hz
         top = 0.45 / max(each.period_s for each in sweeps)
         self.orders = tuple(error.amplitude_arcsec)
-        band = (GEAR_BAND[0] * hz, min(GEAR_BAND[1] * hz, top))
+        band = (GEAR_FROM * hz, min(BAND[1] * hz, top))
         self._setting = Setting(reduction_ratio, sensing.gain, self.orders, band, Ripple.of(sweeps, self.orders, hz, band[1]))
         first = len(SHARED) + 2 * len(self.orders)
         every = thinning(sweeps, self._setting)

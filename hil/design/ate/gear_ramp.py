@@ -9,13 +9,14 @@ import scipy
 
 from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import BaseMotion, GearLaw
-from hil.design.ate.model import Arm, Sweep, resolution_rad
+from hil.design.ate.model import BAND, Arm, Sweep, resolution_rad
 from hil.design.ate.rest import variance_at_rest
 from hil.design.ate.ripple import Ripple
 from hil.design.transmission_error import motor_speed_rps
 
-GEAR_BAND = (0.3, 2.1)
-"""Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
+GEAR_FROM = 0.3
+"""Accuracy: lower end of the fit's band by the arm's frequency, which ends with `BAND`; the motion itself lies below it: a factor
+of 2 changes 0.2, errors by 19 %."""
 TAPERED = 0.05
 """Accuracy: part of each ramp over which its ends fade, so that the motion below the band does not leak into it: a factor of 2
 changes 0.1, errors by 5 %."""
@@ -195,7 +196,7 @@ class Ramp:
         key = p[_OF_SENSOR].tobytes()
         if self._passed is None or self._passed[0] != key:
             v, hz = self._setting.shared(p), self._fine_hz
-            x = np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1])
+            x = np.minimum(hz / math.exp(v["resonance"]), BAND[1])
             turned = 2.0 * math.pi * hz * v["delay"] + v["dispersion"] * (x**3 - x)
             self._passed = key, self._mounted(hz, p), np.exp(-1j * turned)
         return self._passed[1:]
@@ -231,5 +232,5 @@ class Ramp:
     def _mounted(self, hz: Real, p: Real) -> Real:
         """Gain of the sensor: of its mounting and of its low-pass."""
         v = self._setting.shared(p)
-        square = np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1]) ** 2
+        square = np.minimum(hz / math.exp(v["resonance"]), BAND[1]) ** 2
         return np.asarray(1.0 / (1.0 - v["bend"] * square + v["droop"] * square**2))

@@ -39,7 +39,8 @@ from hil.robot_tables import TransmissionErrorTable
 LEAST_ACCELERATION_RPS_S = 1.0
 """No pass is slower on an arm of 12 Hz: there the arm is in its steady state all the way, and another pass buys as much."""
 SEARCHED_PASSES = 2
-"""Passes after which the arm is searched for; later ones start from what is known."""
+"""Accuracy: passes after which the arm is searched for; later ones start from what is known: to search again changes nothing in
+three fits."""
 WORTH_A_PASS = 0.75
 """A usable standard error that a pass has not brought below this fraction of itself is as good as passes make it."""
 SENSORLESS_BIAS = (

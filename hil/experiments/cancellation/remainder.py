@@ -36,9 +36,9 @@ from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
 
 JOLT_FACTOR = 1.3
-"""What is asked at least, in units of what the motion makes of its own."""
+"""Bound: what is asked at least, in units of what the motion makes of its own: that of the goal (docs/rehearsal.md)."""
 HALF = 0.5
-"""Part of what is above that a cause takes away at least."""
+"""Bound: part of what is above that a cause takes away at least: that of a true cause (docs/rehearsal-results.md)."""
 ABOUT = (0.3, 2.5)
 """Measured: amplitude found over that reckoned with which a cause counts as found: on 13 drawn robots 0.9 to 1.5, and once 3.6
 (docs/trial.md)."""
