@@ -114,16 +114,6 @@ def _leaves(made: Shaper, mode: SwingingMode) -> bool:
     return float(made.remaining(mode.frequency_hz, mode.damping)) > EI_TOLERANCE
 
 
-def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identified | None) -> FittedShaper | None:
-    """Shaper of a treatment, fitted to the moving axes, or None.
-
-    Raises:
-        NotPossibleError: It cannot be fitted.
-    """
-    kind = treatment(name).shaper
-    return None if kind is None else fitted_shaper(kind, bench, axes, identified)
-
-
 def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identified | None) -> tuple[Motion, ShaperEntry | None]:
     """Shape a motion by a treatment, with the shaper's entry.
 
@@ -132,9 +122,10 @@ def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identifie
     Raises:
         NotPossibleError: The shaper cannot be fitted.
     """
-    made = shaper_of(bench, name, motion.axes, identified)
-    if made is None:
+    kind = treatment(name).shaper
+    if kind is None:
         return motion, None
+    made = fitted_shaper(kind, bench, motion.axes, identified)
     shaped = made.shaped(motion)
     return shaped, made.entry(path_error_mm(bench, motion, shaped))
 

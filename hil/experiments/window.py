@@ -75,7 +75,9 @@ def _judged(
     try:
         _check_cycles(bench, result)
         check_range(bench, result.recording)
-        metrics = _metrics(bench, axis, result.recording, order, found, ramp)
+        metrics = _one_direction(bench, result.recording, order, found, ramp)
+        if bench.arm is not None:
+            metrics = _with_vector(bench, metrics, result.recording, axis, order, found.scale)
     except ValueError as error:
         return JudgedWindow(invalid=str(error))
     if metrics.tip_peak_mm is None:
@@ -183,13 +185,6 @@ def check_range(bench: Bench, recording: Recording) -> None:
                 f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}; "
                 "move more slowly, or take a sensor with a wider range"
             )
-
-
-def _metrics(
-    bench: Bench, axis: int | None, recording: Recording, order: int | None, found: FoundScale, ramp: "_RampTip | None"
-) -> Metrics:
-    metrics = _one_direction(bench, recording, order, found, ramp)
-    return metrics if bench.arm is None else _with_vector(bench, metrics, recording, axis, order, found.scale)
 
 
 def _with_vector(

@@ -158,7 +158,9 @@ class Network:
         """Dispatch a frame that is not cyclic; no bytes raise an error."""
         can_id, data = frame
         if can_id & CAN_ERR_FLAG:
-            self._note_error(frame)
+            event = decode_error(frame)
+            if event is not None and (event.words in self.bus_errors or len(self.bus_errors) < MAX_EVENTS):
+                self.bus_errors[event.words] += 1
             return
         function, node = can_id & 0x780, can_id & 0x7F
         if can_id > 0x7FF:  # extended, or a remote request
@@ -176,11 +178,6 @@ class Network:
         elif function == FunctionCode.EMERGENCY and node:
             code, register, vendor = _EMERGENCY.unpack(data.ljust(_EMERGENCY.size, b"\0")[: _EMERGENCY.size])
             self.emergencies.append(Emergency(node, code, register, vendor, self.fault_texts.get(node, {})))
-
-    def _note_error(self, frame: Frame) -> None:
-        event = decode_error(frame)
-        if event is not None and (event.words in self.bus_errors or len(self.bus_errors) < MAX_EVENTS):
-            self.bus_errors[event.words] += 1
 
     def answers_twice(self, node: int) -> bool:
         """True if too many answers suggest that two nodes share a node-ID."""

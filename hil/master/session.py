@@ -451,7 +451,10 @@ class Session:
         Raises:
             HilError: A node refuses or is silent, or a set-point could be sent in a later cycle than its own.
         """
-        self._check_lateness(exchange.period_s)
+        limit = self.bench.bus.max_lateness_s
+        if limit is not None and limit > exchange.period_s and not self.network.channel.is_lock_step:
+            why = "a set-point is sent only in its own cycle"
+            raise UnsafeRequestError("bus.max_lateness_s", limit, exchange.period_s, "s", why)
         real_time = self._real_time(context)
         self.supervisor.bus = self.bench.bus
         setup = NodeSetup(self.network, self.bench.bus, axes, exchange)
@@ -459,11 +462,6 @@ class Session:
         context.callback(lambda: self.not_restored.extend(setup.tear_down()))
         setup.set_up(self.supervisor, with_notch=with_notch)
         return real_time
-
-    def _check_lateness(self, period_s: float) -> None:
-        limit = self.bench.bus.max_lateness_s
-        if limit is not None and limit > period_s and not self.network.channel.is_lock_step:
-            raise UnsafeRequestError("bus.max_lateness_s", limit, period_s, "s", "a set-point is sent only in its own cycle")
 
     def _real_time(self, context: ExitStack) -> RealTime | None:
         """Enter real time for a run in wall-clock time."""

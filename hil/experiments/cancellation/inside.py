@@ -76,16 +76,6 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     return models
 
 
-def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> tuple[Part, ...]:
-    """List each order of each axis that the drives cancel.
-
-    Raises:
-        NotPossibleError: As `inside_models`.
-    """
-    models = inside_models(bench, identified, axes)
-    return tuple(Part(number, order) for number, model in models.items() for order in amplitudes_rad(model.ate))
-
-
 def _orders_inside(profile: Profile) -> set[float]:
     """Orders that the drives of a family can cancel by themselves."""
     found = (re.fullmatch(r"cancellation\.a([0-9.]+)_rad", name) for name in profile.parameters)

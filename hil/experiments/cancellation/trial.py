@@ -22,7 +22,7 @@ from hil.control.cancellation_table import CancellationTable
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
 from hil.experiments.cancellation.effect import AxisWaves, Look, Part, Response, alike, refined, sight
-from hil.experiments.cancellation.inside import cancel_inside, inside_parts
+from hil.experiments.cancellation.inside import cancel_inside, inside_models
 from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
 from hil.experiments.cancellation.ramp_trial import ramp_through, seen_by_direction
 from hil.experiments.cancellation.remainder import TrialView, remainder
@@ -347,7 +347,8 @@ def choose_inside(session: Session, identified: Identified | None, motion: Motio
         HilError: As `verify`, and as `cancel_inside`.
     """
     bench = session.bench
-    parts = inside_parts(bench, identified, motion.axes)
+    models = inside_models(bench, identified, motion.axes)
+    parts = tuple(Part(number, order) for number, model in models.items() for order in model.ate.amplitudes_arcsec())
 
     def run(moved: Motion, part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
         if part_of > 0.0:

@@ -82,10 +82,6 @@ class DescribedFamily(DriveFamily):
         notch = self._facts.notch
         return () if notch is None or notch.form == "variable" else notch.sections
 
-    def _filter_addresses(self) -> set[ObjectAddress]:
-        names = {name for section in self._sections() for name in (*section.parts.values(), *section.settings)}
-        return {self._facts.parameter(name).address for name in names}
-
     def _filters(self) -> list[FixedFilter]:
         """Return the sections that act; a note names the others.
 
@@ -167,7 +163,8 @@ class DescribedFamily(DriveFamily):
         """
         self._axes, self._row, self._is_powered = axes, row, is_powered
         gains = self._gains.addresses
-        filters = self._filter_addresses()
+        names = {name for section in self._sections() for name in (*section.parts.values(), *section.settings)}
+        filters = {self._facts.parameter(name).address for name in names}
         motor = self._motor
         fixed = set(motor) - {self.rated_torque[0]}
         commands = {command.address for command in self.store_commands}

@@ -104,15 +104,12 @@ class HomingMode(ModeOfOperation):
         self.data.limits.switch_position_limits(on=False)
         self.watches = True
 
-    def _restore_limits(self) -> None:
-        if self._is_at_rest() and self.data.limits.is_within_position_limits:
-            self.data.limits.switch_position_limits(on=True)
-            self.watches = False
-
     def look(self) -> None:
         """Continue with the latched edges; restore limits at the end."""
         if self._homing is None:
-            self._restore_limits()
+            if self._is_at_rest() and self.data.limits.is_within_position_limits:
+                self.data.limits.switch_position_limits(on=True)
+                self.watches = False
             return
         if self.is_halted:
             return
