@@ -31,23 +31,25 @@ INLINED LANED void advance_group(integer periods, real period_s, integer substep
             LANE(braked, lane) = axes[lane].axis->motion.mode == BRAKED ? -1 : 0;
         }
         run_period(&group, &pose, &x, torque, braked, period_s, substeps);
-        rates(&group, &pose, EVERY(lanes, 0.0), EVERY(marks, -1), &x, &slope);
         for (int lane = 0; lane < count; lane++) {
             struct axis *axis = axes[lane].axis;
             struct prepared *mine = axes[lane].prepared;
-            real *shown = axes[lane].trace;
-            struct plant_state *mechanics = &axis->plant_state;
             struct axis_state here;
             scatter(&here.theta_m, &x.theta_m, STATE_NUMBERS, lane);
-            put_back(mechanics, &here);
+            put_back(&axis->plant_state, &here);
             draw_noise(&axis->encoder);
             if (axis->change.is_changing > 0.0) {
                 age(axis, period_s);
                 scatter(&mine->pose.theta_m, &pose.theta_m, POSE_NUMBERS, lane);
-                prepare(&axis->plant, mechanics, mine);
+                prepare(&axis->plant, &axis->plant_state, mine);
                 join(&group, lane, &mine->constants, &mine->near);
                 gather(&pose.theta_m, &mine->pose.theta_m, POSE_NUMBERS, lane);
             }
+        }
+        rates(&group, &pose, EVERY(lanes, 0.0), EVERY(marks, -1), &x, &slope);
+        for (int lane = 0; lane < count; lane++) {
+            struct plant_state *mechanics = &axes[lane].axis->plant_state;
+            real *shown = axes[lane].trace;
             mechanics->arm_acceleration_rad_s2 = LANE(slope.w_l, lane);
             if (shown != 0) {
                 shown += axes[lane].stride * period;

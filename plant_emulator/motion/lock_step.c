@@ -23,11 +23,16 @@ static int has_vectors(void)
 #endif
 }
 
-LANED int advance_in_lock_step(integer periods, real period_s, integer substeps, const struct advancing *axes, int count)
+LANED static void advance_four(integer periods, real period_s, integer substeps, const struct advancing *axes, int count)
+{
+    advance_group(periods, period_s, substeps, axes, count);
+}
+
+int advance_in_lock_step(integer periods, real period_s, integer substeps, const struct advancing *axes, int count)
 {
     if (count < 2 || count > LANES || !has_vectors()) {
         return 0;
     }
-    advance_group(periods, period_s, substeps, axes, count);
+    advance_four(periods, period_s, substeps, axes, count);
     return 1;
 }

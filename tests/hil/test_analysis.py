@@ -22,6 +22,7 @@ from hil.analysis import (
     speed_window,
     tip_displacement_mm,
     tip_scale,
+    without_phase,
 )
 from hil.recording import Recording
 
@@ -57,6 +58,17 @@ def test_a_band_is_judged_as_far_as_samples_show_it(period_s, shown):
 def test_samples_that_show_too_little_of_a_band_are_refused_with_the_period_that_is_needed():
     with pytest.raises(ValueError, match=r"samples every 12 ms show vibrations up to 37.5 Hz only; 44.8 Hz need .* every 10 ms"):
         shown_band(0.012, (15.0, 64.0))
+
+
+@pytest.mark.parametrize("kind", ["lowpass", "highpass", "bandpass"])
+def test_a_filter_without_phase_is_scipys_to_the_last_bit(kind):
+    source = np.random.default_rng(3)
+    for period_s in (250e-6, 1e-3, 2e-3):
+        for _ in range(30):
+            corners = np.sort(np.exp(source.uniform(math.log(0.1), math.log(0.48 / period_s), 2 if kind == "bandpass" else 1)))
+            values = source.standard_normal(200)
+            sections = signal.butter(2, np.squeeze(corners), kind, fs=1.0 / period_s, output="sos")
+            assert np.array_equal(without_phase(values, period_s, kind, *corners), signal.sosfiltfilt(sections, values))
 
 
 @pytest.mark.parametrize("f_hz", [8.0, 11.84, 20.0])

@@ -126,6 +126,11 @@ def random_axes(source, robot):
         if row == 0:
             encoder = MotorEncoder(error_1_arcsec=40.0, phase_1_deg=30.0, error_2_arcsec=20.0, phase_2_deg=80.0, noise_counts=1.5)
             encoder.write(axes.rows["encoder"][row], 131_072, int(source.integers(0, 2**63)))
+        if row == 1:
+            change = axes.rows["change"][row]
+            for name in CHANGE.names:
+                change[name] = source.uniform(0.0, 1e-2, change[name].shape)
+            change["a_rad"], change["thermal_constant_s"], change["step_s"], change["is_changing"] = 2e-4, 100.0, 1e-2, 1.0
         axes.open_brake(row, record.POSITION, 8)
     return axes
 
