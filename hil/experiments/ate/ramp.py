@@ -22,6 +22,8 @@ from hil.experiments.motions import MARGIN_REV
 Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
 """Limit that binds a ramp: without it alone, it would end faster or accelerate more slowly; empty if none does."""
 
+ADVISED_RPS_S = 50.0
+"""Bound: accelerations from here on are not advised in messages: order 2 meets an arm of 12 Hz after 1.4 of its periods."""
 FIRST_ORDER_END = 1.2
 """End speed of a ramp over f_a where order 1 is to pass the resonance as well."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
@@ -162,7 +164,7 @@ class Ramp:
         least = limits.slowest(end_rps)
         if binds == "acceleration":
             remedies.insert(0, f"raise its limit acceleration_rps_s, {limits.acceleration_rps_s:g}")
-        elif least < limits.acceleration_rps_s:
+        elif least < min(ADVISED_RPS_S, limits.acceleration_rps_s):
             remedies.insert(0, f"accelerate with {least:.2f} rev/s² or more")
         return (
             f"that takes {self._travel_rev(end_rps):.1f} rev at {self.acceleration_rps_s:.3g} rev/s²; {where} there are "
