@@ -124,6 +124,8 @@ class SdoPort:
     def read(self, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
         """Upload the bytes of an object, in blocks where it is long.
 
+        A node that has refused blocks is not asked for them again.
+
         Raises:
             SdoAbortedError: The node refuses.
             NoAnswerError: The node does not answer, or its answers make no sense.

@@ -106,7 +106,11 @@ def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Re
 
 
 class CancellationLaw:
-    """Cancellations of several axes with their states."""
+    """Cancellations of several axes with their states.
+
+    Attributes:
+        data: The core's record of all of them; it must not outlive the law.
+    """
 
     def __init__(
         self,

@@ -67,7 +67,7 @@ class RunJudge:
         self._why: dict[int, str] = {}
 
     def look(self, recording: Recording, axis: int) -> None:
-        """Look for the resonance of an axis in a ramp."""
+        """Look for the resonance of an axis in a ramp without a treatment."""
         try:
             self._own[axis] = own_ringing(recording, axis)
         except NoResonanceError as error:

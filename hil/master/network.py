@@ -37,7 +37,7 @@ class Emergency:
 
 
 class _Line:
-    """SDO frames of one node."""
+    """SDO frames of one node, read from the channel in the caller's thread."""
 
     def __init__(self, network: "Network") -> None:
         self._network = network

@@ -78,7 +78,7 @@ class HeartbeatProducer:
         self._set_period(self._dictionary.get_int(PRODUCER_TIME))
 
     def is_due(self, now: int) -> bool:
-        """Return True if a heartbeat is due now."""
+        """Return True if a heartbeat is due now; a late caller gets one, not a burst."""
         if self.due is None or now < self.due:
             return False
         self.due = self._next(now)
