@@ -97,6 +97,8 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.f
         "antiresonance_hz": gear.antiresonance_hz,
         "resonance_hz": gear.resonance_hz,
         "damping": gear.damping,
+        "motor_damping_nm_s_rad": axis.motor_damping_nm_s_rad,
+        "arm_damping_nm_s_rad": axis.arm_damping_nm_s_rad,
         "coulomb_friction_nm": axis.coulomb_friction_nm,
         "gravity_moment_nm": abs(axis.gravity_moment_nm),
     }

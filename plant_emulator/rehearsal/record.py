@@ -18,7 +18,7 @@ TREATMENTS = ("none", "notch", "notch_designed", "cancellation", "cancellation_l
 
 QUANTITIES = (
     "motor_inertia_kg_m2", "arm_inertia_kg_m2", "gear_stiffness_nm_rad", "antiresonance_hz", "resonance_hz", "damping",
-    "coulomb_friction_nm", "gravity_moment_nm", "accelerometer_delay_s",
+    "motor_damping_nm_s_rad", "arm_damping_nm_s_rad", "coulomb_friction_nm", "gravity_moment_nm", "accelerometer_delay_s",
     "a1_arcsec", "phi1_deg", "a2_arcsec", "phi2_deg", "a4_arcsec", "phi4_deg",
     "learnt_a1_arcsec", "learnt_phi1_deg", "learnt_a2_arcsec", "learnt_phi2_deg", "learnt_a4_arcsec", "learnt_phi4_deg",
 )  # fmt: skip

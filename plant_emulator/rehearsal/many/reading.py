@@ -75,6 +75,8 @@ QUANTITY_NAMES = {
     "antiresonance_hz": "antiresonance",
     "resonance_hz": "resonance",
     "damping": "damping",
+    "motor_damping_nm_s_rad": "motor damping",
+    "arm_damping_nm_s_rad": "arm damping",
     "coulomb_friction_nm": "Coulomb friction",
     "gravity_moment_nm": "gravity's moment",
     "accelerometer_delay_s": "accelerometer delay",
