@@ -44,10 +44,10 @@ INLINED LANED lanes signed_as(lanes size, lanes x)
     return (lanes)((marks)size | ((marks)x & INT64_MIN));
 }
 
-/* x times the power of 2 that the last bits of whole, a number near WHOLE, count. */
-INLINED LANED lanes scaled(lanes x, lanes whole)
+/* exp(-x), as a single axis has it. */
+INLINED LANED lanes decay(lanes x)
 {
-    return (lanes)((marks)x + ((marks)whole << 52));
+    return (lanes){EXP(-x[0]), EXP(-x[1]), EXP(-x[2]), EXP(-x[3])};
 }
 
 /* The first numbers of constants and all of the others; transposed, see gather. */
@@ -103,14 +103,9 @@ INLINED lanes signed_as(lanes size, lanes x)
     return COPYSIGN(size, x);
 }
 
-INLINED lanes scaled(lanes x, lanes whole)
+INLINED lanes decay(lanes x)
 {
-    union {
-        lanes number;
-        uint64_t bits;
-    } to = {x}, by = {whole};
-    to.bits += by.bits << 52;
-    return to.number;
+    return EXP(-x);
 }
 
 #define lane_constants constants

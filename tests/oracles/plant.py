@@ -112,19 +112,6 @@ class AxisState(NamedTuple):
     tau: float
 
 
-def decay(x: float) -> float:
-    """exp(−x) for x ≥ 0 as `friction.h` has it: 2^n times a polynomial of what is left, at most half of ln 2."""
-    bounded = x if x < 700.0 else 700.0
-    whole = 1.5 * 2.0**52 - bounded * 1.4426950408889634
-    n = whole - 1.5 * 2.0**52
-    r = (-bounded - n * 0.6931471803691238) - n * 1.9082149292705877e-10
-    q = r * r
-    low = (0.5 + r * 0.16666666666666666) + q * (0.04166666666661244 + r * 0.008333333333391639)
-    high = (0.0013888888923730392 + r * 0.0001984126964391054) + q * (2.480151220478228e-05 + r * 2.755751751329383e-06)
-    top = 2.7623886663851975e-07 + r * 2.5009223989551466e-08
-    return math.ldexp(1.0 + (r + q * (low + q * q * (high + q * q * top))), int(n))
-
-
 def friction(coulomb_nm: float, rise_nm: float, per_stribeck: float, speed: float) -> float:
     """τ_f = (τ_C + (τ_S − τ_C) exp(−(ω/ω_s)²)) tanh(ω/0.05): Coulomb and Stribeck friction on the motor side, N·m.
 
@@ -139,10 +126,10 @@ def friction(coulomb_nm: float, rise_nm: float, per_stribeck: float, speed: floa
     level = coulomb_nm
     ratio = speed * per_stribeck
     if ratio * ratio < _DECAYED:
-        level += rise_nm * decay(ratio * ratio)
-    twice = abs(speed) * (2.0 / FRICTION_WIDTH_RAD_S)
-    if twice < 2.0 * _SATURATED:
-        e = decay(twice)
+        level += rise_nm * math.exp(-ratio * ratio)
+    size = abs(speed) / FRICTION_WIDTH_RAD_S
+    if size < _SATURATED:
+        e = math.exp(-2.0 * size)
         level *= (1.0 - e) / (1.0 + e)
     return math.copysign(level, speed) if speed != 0.0 else 0.0
 
@@ -291,7 +278,7 @@ def rates(k: Any, near: GridPoint, command: float, braked: bool, at: Any, part: 
     spring = k.gear_stiffness * torsion
     if k.wind_up_softness > 0.0:
         ratio = torsion * k.per_wind_up_torsion
-        spring -= k.wind_up_softness * spring * decay(ratio * ratio)
+        spring -= k.wind_up_softness * spring * math.exp(-ratio * ratio)
     gear = (k.gear_damping * torsion_rate + at.z) + spring
     acceleration_l = (gear - k.arm_damping * at.w_l - gravity) * k.per_arm_inertia
     z_rate = 0.0

@@ -76,12 +76,6 @@ def test_a_step_of_the_plant_is_that_of_the_specification(seed):
     assert numbers(states[0]) == numbers(s)
 
 
-def test_the_exponential_of_the_core_is_that_of_the_library_but_for_its_last_digit():
-    for x in (*np.geomspace(1e-9, 699.0, 20_000).tolist(), 0.0):
-        assert plant.decay(x) == pytest.approx(math.exp(-x), rel=3e-16)
-    assert 0.0 < plant.decay(1e9) < 1e-300
-
-
 @given(SEEDS)
 def test_a_gear_that_changes_is_that_of_the_specification(seed):
     source = np.random.default_rng(seed)
