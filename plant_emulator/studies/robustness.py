@@ -415,7 +415,7 @@ IN_STEP = 4
 MOST_TOGETHER = 12 * IN_STEP
 """Most plants of a bundle.
 
-Each bundle prepares its study anew: 5 ms with a filter; a plant takes 11 ms (one core of a two-core machine).
+Each bundle prepares its study anew: 5 ms with a filter; a plant takes 14 ms (one core of a two-core machine).
 """
 
 Plant = tuple[int, int]
