@@ -84,3 +84,21 @@ def test_a_motor_without_friction_has_none() -> None:
     found = fit_friction(stretches, 0.01, 100.0)
     assert found.coulomb_nm.value == pytest.approx(0.0, abs=1e-12)
     assert found.coulomb_nm.standard_error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_motor_that_its_gear_swings_to_and_fro_is_not_braked_by_that() -> None:
+    """A torque of the angle alone takes no work; its mean over time is another one where the speed swings with it."""
+
+    def swung(speed_rps: float) -> SlowStretch:
+        speed = 2.0 * math.pi * speed_rps
+        time = np.arange(round(8.0 / abs(speed_rps) / SYNC)) * SYNC
+        swing = 2e-3 * speed
+        angle = speed * time + swing * np.sin(2.0 * speed * time)
+        friction = math.copysign(0.01, speed) + 5e-4 * speed * (1.0 + 2.0 * swing * np.cos(2.0 * speed * time))
+        noise = 1e-5 * np.random.default_rng(round(10 * abs(speed))).standard_normal(len(angle))
+        return SlowStretch(angle, friction + 0.07 * np.cos(2.0 * angle) + noise)
+
+    found = fit_friction([swung(sign * speed) for speed in (0.4, 0.8, 1.6, 3.5) for sign in (1.0, -1.0)], SYNC, 120.0)
+    assert abs(found.coulomb_nm.value - 0.01) < 3.0 * found.coulomb_nm.standard_error
+    assert abs(found.viscous_nm_s_rad.value - 5e-4) < 3.0 * found.viscous_nm_s_rad.standard_error
+    assert found.coulomb_nm.value == pytest.approx(0.01, rel=0.05)
