@@ -166,7 +166,7 @@ class _Account:
             return f"the cancellation leaves {self._left_mm:.4f} mm{where}" + jolt * (self._left_mm > self._quiet_mm)
         asked = f"(goal: {self._asked_mm:.4f} mm)"
         remedies = "; ".join(f"{cause}: {REMEDIES[cause]}" for cause in causes)
-        if not self._is_seen and causes[0] == "sensor noise":
+        if self._left_mm <= self._asked_mm:
             return f"up to {hidden_mm:.4f} mm{where} may hide in the sensor noise {asked}; {remedies}"
         return f"the cancellation leaves {self._left_mm:.4f} mm{where} {asked}; {remedies}"
 
@@ -180,6 +180,8 @@ class _Account:
             return best
         if self._explains(self._shown_mm(self._waves(self._seen.used, self._after)) + unseen_mm):
             return "estimate"
+        if self._images_exceed(self._order):
+            return "frequency limit"
         if self._left_mm - self._asked_mm < self._noise_mm:
             return "sensor noise"
         return "not explained"
@@ -197,14 +199,20 @@ class _Account:
                 largest[name] = peaks[order]
                 if peaks[order] > self._left_mm:
                     self._order, self._left_mm = order, peaks[order]
+        if not largest and any(map(self._images_exceed, self._peaks)):
+            return "frequency limit"
         return max(largest, key=lambda name: largest[name], default="sensor noise")
+
+    def _images_exceed(self, order: float | None) -> bool:
+        """True if images alone make more than is asked: orders that were estimated at the SYNCs hide them there, not between."""
+        return self._seen.windows.peaks_mm(self._images())[order] > self._asked_mm
 
     def _reckoned(self) -> dict[RemainderCause, Real]:
         """Vibration of each cause that can be reckoned, whatever is left."""
         fitted, by_frequency = self._after[0].sighting.amplitude, self._given_up("frequency limit")
         return {
             "order left out": self._waves([part for part in fitted if part not in self._seen.used], self._after),
-            "frequency limit": self._found(self._images(), math.pi) + self._found(by_frequency, math.pi),
+            "frequency limit": self._found_images() + self._found(by_frequency, math.pi),
             "speed limit": self._found(self._given_up("speed limit"), math.pi),
             "gear reaction": self._found_reaction(),
         }
@@ -255,6 +263,14 @@ class _Account:
         for part, _, shares in self._shares():
             total += shares[limit] * self._waves([part], self._before)
         return total
+
+    def _found_images(self) -> Real:
+        """Images as they are found: whole, or as far as learnt orders, which look alike at the SYNCs, do not hide them."""
+        images, waves = self._images(), self._after[0].sighting.waves
+        orders = np.hstack([waves[part][: self._count] for part in self._seen.used])
+        open_part = images - orders @ np.linalg.lstsq(orders, images, rcond=None)[0]
+        found = [self._found(each, math.pi) for each in (images, open_part)]
+        return max(found, key=lambda each: float(np.sum(each**2)))
 
     def _images(self) -> Real:
         """Vibration that images of the sampled set-points cause; at the SYNCs it looks like the orders."""
