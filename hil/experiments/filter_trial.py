@@ -11,20 +11,25 @@ own largest peak.
 
 A filter turns the waves of the orders, which add to each other and to the jolt of the motion's start; whether the peak of a
 window rises thus depends on the motor angle at which the motion starts, and users start anywhere. So runs are compared from
-several angles, those of a pair from the same one with the arm at rest, and the worst of them counts.
+several angles, those of a pair from the same one with the arm at rest, and the worst of them counts. How far they differ tells
+what to expect from another one: by Student's t distribution, a rise is too probable there as well from `RISK` on.
 """
 
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+import scipy
 
 from hil.analysis import TipScale, order_window_rps
 from hil.bench.bench import Bench
 from hil.design.modes.ring_down import modes_of
-from hil.design.notch_problem import WORSE_FRACTION
+from hil.design.notch_problem import WORSE_FRACTION, WORSE_MM
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.alternation import Alternation
-from hil.experiments.decision import MOST_RUNS
+from hil.experiments.decision import MOST_RUNS, Decision
 from hil.experiments.judge import shown_rps
 from hil.experiments.peaks import PeakChange
 from hil.experiments.shaping import rates_of
@@ -122,14 +127,41 @@ def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[Pe
     return found if any(change.order in judged for change in found) else changes
 
 
+def _window(change: PeakChange) -> float:
+    """Order of a window, 0 for that of a motion without any."""
+    return change.order or 0.0
+
+
+def rises_elsewhere(changes: Sequence[PeakChange]) -> Decision:
+    """Claim that a window's peak rises from another angle, by its changes from those that were tried.
+
+    The mean x̄ and the spread s of n changes give a further one the distribution x̄ + s √(1 + 1/n) t of n − 1 degrees of freedom.
+    """
+    beyond, count = [each.beyond_mm for each in changes], len(changes)
+    if count < 2:
+        return Decision(0.0)
+    spread = max(float(np.std(beyond, ddof=1)) * math.sqrt(1.0 + 1.0 / count), np.finfo(float).tiny)
+    return Decision(float(scipy.stats.t.sf(-np.mean(beyond) / spread, count - 1)))
+
+
 def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> FilterTrial:
     worst, best, end = peaks[0], min(peaks, key=lambda each: each.beyond_mm), "; the motion is run without them"
-    words = ""
+    by_window = [list(group) for _, group in groupby(sorted(peaks, key=_window), key=_window)]
+    open_window = max(by_window, key=lambda each: rises_elsewhere(each).probability)
+    elsewhere, words = rises_elsewhere(open_window), ""
     if worst.rises.is_likely:
         words = f"the filters are refused: with them {worst.words}{end}"
     elif worst.rises.is_risky:
         rise = f"a rise by more than {worst.harmless_mm:.4f} mm has a probability of {100.0 * worst.rises.probability:.0f} %"
         words = f"the filters are refused: with them {worst.words}, and {rise}{end}"
+    elif elsewhere.is_risky:
+        changed = sorted(100.0 * (each.after_mm / max(each.before_mm, WORSE_MM) - 1.0) for each in open_window)
+        where, harmless_mm = _window(open_window[0]), open_window[0].harmless_mm
+        words = (
+            f"the filters are refused: the tip's peak in the window of order {where:g} changes by {changed[0]:+.0f} to "
+            f"{changed[-1]:+.0f} % with the motor angle at which the motion starts; from another one a rise by more than "
+            f"{harmless_mm:.4f} mm has a probability of {100.0 * elsewhere.probability:.0f} %{end}"
+        )
     elif not any(peak.falls.is_likely for peak in peaks):
         words = f"the filters are refused: they do not lower the tip's peak in any window; at best it {best.change}{end}"
     worst_of = {peak.order: peak for peak in reversed(changes)}
