@@ -13,7 +13,7 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.coupled.loops import ArmLoops
 from hil.design.frequency import Loop
-from hil.design.ramp import RampMotion, follow
+from hil.design.ramp import RampMotion, follow_alike
 from hil.design.uncertainty import Member
 
 Displacement = Callable[[RampMotion], Real]
@@ -235,7 +235,7 @@ class NotchProblem:
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
         """Tip peaks of a plant by case, range and direction, in mm; shape (cases, ranges, 2)."""
-        return np.array([self.case_peaks_mm(member, notches, case) for case in range(len(self.cases(member)))])
+        return np.array([self.case_peaks_mm(member, [notches], case)[0] for case in range(len(self.cases(member)))])
 
     def cases(self, member: Member) -> list[tuple[DesignRamp, tuple[float, float]]]:
         """Ramp and load of every case of a plant, the load as `follow` has it.
@@ -252,11 +252,16 @@ class NotchProblem:
             found += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
         return found
 
-    def case_peaks_mm(self, member: Member, notches: Sequence[Notch], case: int) -> Real:
-        """Simulate the tip peaks of a plant in one case, by range and direction, in mm; shape (ranges, 2)."""
+    def case_peaks_mm(self, member: Member, filters: Sequence[Sequence[Notch]], case: int) -> list[Real]:
+        """Simulate the tip peaks of a plant in one case, with some filters or with others.
+
+        Returns:
+            For each choice of filters the peaks by range and direction, in mm; shape (ranges, 2).
+        """
         ramp, load = self.cases(member)[case]
-        motion = follow(self.loop(member, notches), member.error, ramp.reference_rad, load_nm=load)
-        return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
+        loops = [self.loop(member, notches) for notches in filters]
+        motions = follow_alike(loops, [member.error] * len(loops), ramp.reference_rad, load_nm=load)
+        return [peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges) for motion in motions]
 
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:
         """Largest weighted tip peak of an order, in mm.
