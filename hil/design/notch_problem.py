@@ -114,7 +114,7 @@ class DesignRamp:
 
     def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Rows in which the speed rises and in which it falls; shapes (n,)."""
-        time = motion.period_s * np.arange(len(motion.motor_speed_rps))
+        time = motion.period_s * np.arange(motion.motor_speed_rps.shape[-1])
         return (time >= RAMP_REST_S) & (time < self.rise_end_s), time >= self.fall_begin_s
 
 
@@ -162,15 +162,15 @@ def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges
     It is 0 if the ramp does not reach the range.
 
     Args:
-        displacement_mm: Displacement of the tip; shape (n,).
+        displacement_mm: Displacement of the tip; shape (…, n), of the motion.
 
     Returns:
-        Peaks in mm; shape (ranges, 2).
+        Peaks in mm; shape (…, ranges, 2).
     """
-    size, speed = np.abs(displacement_mm), np.abs(motion.motor_speed_rps)
+    size, speed = np.abs(displacement_mm)[..., np.newaxis, :], np.abs(motion.motor_speed_rps)[..., np.newaxis, :]
     low, high = np.array([(each.low_rps, each.high_rps) for each in ranges]).T[:, :, np.newaxis]
     inside = (speed >= low) & (speed <= high)
-    return np.stack([np.max(np.where(inside & rows, size, 0.0), axis=1) for rows in ramp.rows(motion)], axis=1)
+    return np.stack([np.max(np.where(inside & rows, size, 0.0), axis=-1) for rows in ramp.rows(motion)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -252,16 +252,15 @@ class NotchProblem:
             found += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
         return found
 
-    def case_peaks_mm(self, member: Member, filters: Sequence[Sequence[Notch]], case: int) -> list[Real]:
+    def case_peaks_mm(self, member: Member, filters: Sequence[Sequence[Notch]], case: int) -> Real:
         """Simulate the tip peaks of a plant in one case, with some filters or with others.
 
-        Returns:
-            For each choice of filters the peaks by range and direction, in mm; shape (ranges, 2).
+        Peaks by choice of filters, range and direction, in mm; shape (filters, ranges, 2).
         """
         ramp, load = self.cases(member)[case]
         loops = [self.loop(member, notches) for notches in filters]
-        motions = follow_alike(loops, [member.error] * len(loops), ramp.reference_rad, load_nm=load)
-        return [peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges) for motion in motions]
+        motion = follow_alike(loops, [member.error] * len(loops), ramp.reference_rad, load_nm=load)
+        return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:
         """Largest weighted tip peak of an order, in mm.

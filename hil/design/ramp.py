@@ -28,11 +28,11 @@ SAMPLE_S = 0.002
 
 @dataclass(frozen=True)
 class RampMotion:
-    """Motion of the axis, at equal intervals.
+    """Motion of an axis, or of some, at equal intervals.
 
     Attributes:
-        motor_speed_rps: Motor speed f_m with its sign; shape (n,).
-        arm_acceleration_rad_s2: Arm acceleration θ̈_l; shape (n,).
+        motor_speed_rps: Motor speed f_m with its sign; shape (…, n).
+        arm_acceleration_rad_s2: Arm acceleration θ̈_l; shape (…, n).
     """
 
     period_s: float
@@ -90,7 +90,8 @@ def follow(
 
     Source: the paper, Fig. 3, eq. (1) and (2).
     """
-    return follow_alike([loop], [error], reference_rad, sample_s, load_nm)[0]
+    motion = follow_alike([loop], [error], reference_rad, sample_s, load_nm)
+    return RampMotion(motion.period_s, motion.motor_speed_rps[0], motion.arm_acceleration_rad_s2[0])
 
 
 def follow_alike(
@@ -99,8 +100,8 @@ def follow_alike(
     reference_rad: Real,
     sample_s: float = SAMPLE_S,
     load_nm: tuple[float, float] = (0.0, 0.0),
-) -> list[RampMotion]:
-    """Simulate several axes along the same motion; see `follow`.
+) -> RampMotion:
+    """Simulate several axes along the same motion; shapes (axes, n); see `follow`.
 
     Side by side they take three quarters of the time, and no bit of them changes.
 
@@ -125,7 +126,7 @@ def follow_alike(
         count, period_s, *load_nm, CORE.pointer(waiting), delay, every, CORE.pointer(reference), len(reference),
         CORE.pointer(speeds), CORE.pointer(accelerations),
     )  # fmt: skip
-    return [RampMotion(every * period_s, *each) for each in zip(speeds, accelerations, strict=True)]
+    return RampMotion(every * period_s, speeds, accelerations)
 
 
 def _harmonics(error: TransmissionError) -> NDArray[np.void]:

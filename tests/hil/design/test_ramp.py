@@ -111,11 +111,11 @@ def test_axes_side_by_side_move_as_each_does_alone(delay):
         loops.append(dataclasses.replace(one, cascade=dataclasses.replace(one.cascade, velocity_gain_nm_s_rad=gain)))
         errors.append(error(2 + i // 4 % 2))
     together = follow_alike(loops, errors, reference, load_nm=(0.1, 0.2))
-    for one, its_error, motion in zip(loops, errors, together, strict=True):
+    for one, its_error, *found in zip(loops, errors, together.motor_speed_rps, together.arm_acceleration_rad_s2, strict=True):
         alone = follow(one, its_error, reference, load_nm=(0.1, 0.2))
-        assert alone.motor_speed_rps.tobytes() == motion.motor_speed_rps.tobytes()
-        assert alone.arm_acceleration_rad_s2.tobytes() == motion.arm_acceleration_rad_s2.tobytes()
-    assert [bool(np.all(np.isfinite(each.motor_speed_rps))) for each in together] == [i != 7 for i in range(11)]
+        expected = alone.motor_speed_rps, alone.arm_acceleration_rad_s2
+        assert [each.tobytes() for each in found] == [each.tobytes() for each in expected]
+    assert np.all(np.isfinite(together.motor_speed_rps), axis=1).tolist() == [i != 7 for i in range(11)]
 
 
 @pytest.mark.parametrize("orders", [(1, 2, 4), (2,), (0.5, 2, 3.25), (1, 2, 4.0 / 3.0), (math.sqrt(2.0), 2), (1, 97), ()])
