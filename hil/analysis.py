@@ -163,25 +163,28 @@ Kind = Literal["lowpass", "highpass", "bandpass"]
 
 
 def without_phase(values: Real, period_s: float, kind: Kind, *corners_hz: float) -> Real:
-    """Filter by a 2nd-order Butterworth, forward and backward; shape (n,).
+    """Filter by a 2nd-order Butterworth, forward and backward; shape (…, n).
 
     As `scipy.signal.sosfiltfilt`, which computes the filter's state at rest anew for each signal: a third of its time.
 
     Args:
-        values: The signal; shape (n,).
+        values: Signals; shape (…, n).
         corners_hz: Corner, or both of a bandpass.
 
     Raises:
         ValueError: There are too few samples.
     """
     sections, at_rest = _butterworth(period_s, kind, *corners_hz)
-    edge = 3 * (2 * len(sections) + 1)
-    if len(values) <= edge:
-        raise ValueError(f"{len(values)} samples are too few for a {kind} without phase; at least {edge + 1} are needed")
-    longer = np.concatenate([2.0 * values[0] - values[edge:0:-1], values, 2.0 * values[-1] - values[-2 : -edge - 2 : -1]])
-    there, _ = scipy.signal.sosfilt(sections, longer, zi=at_rest * longer[0])
-    back, _ = scipy.signal.sosfilt(sections, there[::-1], zi=at_rest * there[-1])
-    return np.asarray(back[::-1][edge:-edge])
+    edge, count = 3 * (2 * len(sections) + 1), values.shape[-1]
+    if count <= edge:
+        raise ValueError(f"{count} samples are too few for a {kind} without phase; at least {edge + 1} are needed")
+    before = 2.0 * values[..., :1] - values[..., edge:0:-1]
+    after = 2.0 * values[..., -1:] - values[..., -2 : -edge - 2 : -1]
+    longer = np.concatenate([before, values, after], axis=-1)
+    at_rest = at_rest.reshape(len(sections), *(1,) * (values.ndim - 1), 2)
+    there, _ = scipy.signal.sosfilt(sections, longer, zi=at_rest * longer[..., :1])
+    back, _ = scipy.signal.sosfilt(sections, there[..., ::-1], zi=at_rest * there[..., -1:])
+    return np.asarray(back[..., ::-1][..., edge:-edge])
 
 
 @lru_cache(maxsize=32)
@@ -220,7 +223,7 @@ def shown_band(period_s: float, band_hz: tuple[float, float]) -> tuple[float, fl
 
 
 def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
-    """Band-pass a vertical acceleration; shape (n,).
+    """Band-pass a vertical acceleration; shape (…, n).
 
     2nd-order Butterworth, forward and backward, as far as the sampling rate allows.
 
@@ -246,7 +249,7 @@ def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, scale: TipScal
     """The paper's equivalent displacement of the tip, in mm.
 
     The vertical acceleration in the band of the vibration (2nd-order Butterworth, forward and backward), over (2π f_al)². The
-    vertical tip acceleration has the shape (n,); the scale is that of the axis that moved.
+    vertical tip acceleration has the shape (…, n); the scale is that of the axis that moved.
     """
     return np.asarray(1e3 * band_passed(acceleration_m_s2, period_s, scale.band_hz) / (2.0 * math.pi * scale.f_al_hz) ** 2)
 

@@ -32,6 +32,7 @@ import cmath
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -52,6 +53,10 @@ CHIRP_STEP_HZ = 0.1
 """Accuracy: step of the second derivative by the frequency: 6 % of it, and 0.1 % of a correction at 4 rev/s²."""
 LEAST_RPS = 1e-4
 """Accuracy: the speed that stands for 0, where 1/s has no value."""
+KEPT = 8
+"""Accuracy: tables that are kept, for time alone."""
+Orders = tuple[tuple[float, float], ...]
+"""A number of each order."""
 
 
 @dataclass(frozen=True)
@@ -336,6 +341,19 @@ def cancellation_table(
             f"there is nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps:g} rev/s; at least one order and a "
             "speed above 0 are needed"
         )
+    return _table(
+        loop, tuple(amplitude_rad.items()), tuple(phase_rad.items()), timing, max_rps, actuation, highest_hz, most_rad_s2,
+        torque_lag_s, load,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=KEPT)
+def _table(
+    loop: Loop, amplitudes: Orders, phases: Orders, timing: CyclicTiming | InnerTiming, max_rps: float, actuation: Actuation,
+    highest_hz: float, most_rad_s2: float, torque_lag_s: float, load: MotorLoad | None,
+) -> CancellationTable:  # fmt: skip
+    """The table, which a run and its trial ask for again and again."""
+    amplitude_rad, phase_rad = dict(amplitudes), dict(phases)
     turning = np.maximum(np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS, LEAST_RPS)
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
     # a filter that follows the motor has no response of its own to a chirp

@@ -149,9 +149,14 @@ class Judge:
         return float(np.max(np.concatenate([inside, outside], axis=1) / self._bound[:, np.newaxis]))
 
     def score(self, notch: Notch, members: int | None = None, at_most: float = math.inf) -> float:
-        """Score a filter by its worst tip peak; smaller is better.
+        """Score a filter; see `scores`."""
+        return self.scores([(notch, at_most)], members)[0]
 
-        Above `at_most` it may be a lower bound: the simulations end as soon as the peaks so far give more than that.
+    def scores(self, notches: Sequence[tuple[Notch, float]], members: int | None = None) -> list[float]:
+        """Score filters by their worst tip peak; smaller is better.
+
+        Each has a score above which it is not wanted. What is returned then may be a lower bound: the simulations end as soon as
+        the peaks so far give more than that.
 
         The score is the tip peak with the filter over that without, for the worst of the first `members` plants.
 
@@ -159,33 +164,64 @@ class Judge:
         ranked by how far they go, the last without a simulation. The limit of the tip in mm has no part in it, constraint (5) a
         small one where it is nearly kept: where none keeps them, the filter that comes closest is wanted all the same.
         """
-        missed = sum(check.violation for check in self.checks(notch))
-        if missed > 0.0:
-            return 10.0 + missed
         bare_mm = self._before_mm[:members]
         before = max(1e-9, *(self.problem.weighted_mm(bare, self.order) for bare in bare_mm))
-        line = min(max(self._line_ratio(notch), 1.0), RISE_BESIDE)
-        peaks, excess, peak, score = [np.zeros_like(bare) for bare in bare_mm], [0.0] * len(bare_mm), 0.0, 0.0
-        for place, (row, case) in enumerate(self._cases):
-            if row >= len(bare_mm):
+        tried = [
+            _Tried(notch, at_most, [np.zeros_like(bare) for bare in bare_mm], [0.0] * len(bare_mm)) for notch, at_most in notches
+        ]
+        for each in tried:
+            missed = sum(check.violation for check in self.checks(each.notch))
+            if missed > 0.0:
+                each.score, each.is_done = 10.0 + missed, True
+            else:
+                each.line = min(max(self._line_ratio(each.notch), 1.0), RISE_BESIDE)
+        failed = self._cases[0]
+        for row, case in self._cases:
+            going = [each for each in tried if not each.is_done]
+            if row >= len(bare_mm) or not going:
                 continue
-            peaks[row][case] = self._peaks_mm(row, case, notch)
-            if not np.all(np.isfinite(peaks[row][case])):
-                return 9.0
-            peak = max(peak, self.problem.weighted_mm(peaks[row], self.order))
-            excess[row] = sum(rise.excess for rise in rises(self.problem, bare_mm[row], peaks[row]))
-            if (score := _ranked(peak / before * line, sum(excess))) > at_most:
-                self._cases.insert(min(place, 1), self._cases.pop(place))  # the next filter is likely to fail there as well
-                break
-        return score
+            for each, peaks in zip(going, self._peaks_mm(row, case, [each.notch for each in going]), strict=True):
+                each.peaks_mm[row][case] = peaks
+                if not np.all(np.isfinite(peaks)):
+                    each.score, each.is_done = 9.0, True
+                    continue
+                each.peak_mm = max(each.peak_mm, self.problem.weighted_mm(each.peaks_mm[row], self.order))
+                each.excess[row] = sum(rise.excess for rise in rises(self.problem, bare_mm[row], each.peaks_mm[row]))
+                each.score = _ranked(each.peak_mm / before * each.line, sum(each.excess))
+                if each.score > each.at_most:
+                    each.is_done, failed = True, (row, case)
+        place = self._cases.index(failed)
+        self._cases.insert(min(place, 1), self._cases.pop(place))  # the next filters are likely to fail there as well
+        return [each.score for each in tried]
 
-    def _peaks_mm(self, row: int, case: int, notch: Notch) -> Real:
-        """Simulate the tip peaks of a plant with a filter in one case."""
-        key = row, case, notch
-        if key not in self._simulated:
-            notches = (notch, *self.problem.fixed)
-            self._simulated[key] = self.problem.case_peaks_mm(self.problem.members[row], notches, case)
-        return self._simulated[key]
+    def _peaks_mm(self, row: int, case: int, notches: Sequence[Notch]) -> list[Real]:
+        """Simulate the tip peaks of a plant with some filters in one case."""
+        new = [notch for notch in dict.fromkeys(notches) if (row, case, notch) not in self._simulated]
+        if new:
+            filters = [(notch, *self.problem.fixed) for notch in new]
+            for notch, peaks in zip(new, self.problem.case_peaks_mm(self.problem.members[row], filters, case), strict=True):
+                self._simulated[row, case, notch] = peaks
+        return [self._simulated[row, case, notch] for notch in notches]
+
+
+@dataclass
+class _Tried:
+    """A filter, and what the simulations have shown of it so far.
+
+    Attributes:
+        peaks_mm: Tip peaks of each plant.
+        excess: How far the filter raises others, by plant.
+        line: Factor of the score by constraint (5).
+    """
+
+    notch: Notch
+    at_most: float
+    peaks_mm: list[Real]
+    excess: list[float]
+    line: float = 1.0
+    peak_mm: float = 0.0
+    score: float = 0.0
+    is_done: bool = False
 
 
 def _ranked(ratio: float, excess: float) -> float:

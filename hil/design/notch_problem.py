@@ -13,7 +13,7 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.coupled.loops import ArmLoops
 from hil.design.frequency import Loop
-from hil.design.ramp import RampMotion, follow
+from hil.design.ramp import RampMotion, follow_alike
 from hil.design.uncertainty import Member
 
 Displacement = Callable[[RampMotion], Real]
@@ -114,7 +114,7 @@ class DesignRamp:
 
     def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Rows in which the speed rises and in which it falls; shapes (n,)."""
-        time = motion.period_s * np.arange(len(motion.motor_speed_rps))
+        time = motion.period_s * np.arange(motion.motor_speed_rps.shape[-1])
         return (time >= RAMP_REST_S) & (time < self.rise_end_s), time >= self.fall_begin_s
 
 
@@ -162,15 +162,15 @@ def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges
     It is 0 if the ramp does not reach the range.
 
     Args:
-        displacement_mm: Displacement of the tip; shape (n,).
+        displacement_mm: Displacement of the tip; shape (…, n), of the motion.
 
     Returns:
-        Peaks in mm; shape (ranges, 2).
+        Peaks in mm; shape (…, ranges, 2).
     """
-    size, speed = np.abs(displacement_mm), np.abs(motion.motor_speed_rps)
+    size, speed = np.abs(displacement_mm)[..., np.newaxis, :], np.abs(motion.motor_speed_rps)[..., np.newaxis, :]
     low, high = np.array([(each.low_rps, each.high_rps) for each in ranges]).T[:, :, np.newaxis]
     inside = (speed >= low) & (speed <= high)
-    return np.stack([np.max(np.where(inside & rows, size, 0.0), axis=1) for rows in ramp.rows(motion)], axis=1)
+    return np.stack([np.max(np.where(inside & rows, size, 0.0), axis=-1) for rows in ramp.rows(motion)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ class NotchProblem:
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
         """Tip peaks of a plant by case, range and direction, in mm; shape (cases, ranges, 2)."""
-        return np.array([self.case_peaks_mm(member, notches, case) for case in range(len(self.cases(member)))])
+        return np.array([self.case_peaks_mm(member, [notches], case)[0] for case in range(len(self.cases(member)))])
 
     def cases(self, member: Member) -> list[tuple[DesignRamp, tuple[float, float]]]:
         """Ramp and load of every case of a plant, the load as `follow` has it.
@@ -252,10 +252,14 @@ class NotchProblem:
             found += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
         return found
 
-    def case_peaks_mm(self, member: Member, notches: Sequence[Notch], case: int) -> Real:
-        """Simulate the tip peaks of a plant in one case, by range and direction, in mm; shape (ranges, 2)."""
+    def case_peaks_mm(self, member: Member, filters: Sequence[Sequence[Notch]], case: int) -> Real:
+        """Simulate the tip peaks of a plant in one case, with some filters or with others.
+
+        Peaks by choice of filters, range and direction, in mm; shape (filters, ranges, 2).
+        """
         ramp, load = self.cases(member)[case]
-        motion = follow(self.loop(member, notches), member.error, ramp.reference_rad, load_nm=load)
+        loops = [self.loop(member, notches) for notches in filters]
+        motion = follow_alike(loops, [member.error] * len(loops), ramp.reference_rad, load_nm=load)
         return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:

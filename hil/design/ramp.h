@@ -17,15 +17,15 @@ struct ramp_plant {
     real arm[7];     /* acceleration of the arm */
 };
 
-/* Run law and plant sample by sample; every every-th sample is recorded.
+/* Run laws and plants of count axes along the same motion, sample by sample; every every-th sample is recorded.
  *
- * harmonics are the orders of the error theta_sync. friction_nm acts against the motor throughout, gravity_nm too, through the
- * gear: the error's slope modulates it. The law holds both from the beginning. waiting holds the delay torques that have been
- * computed and do not act yet. reference is theta_ref in rad, samples of it. speed_rps and arm_acceleration become a number for
- * every every-th sample. */
+ * harmonics are the orders of each axis' error theta_sync, orders of them for each. friction_nm acts against the motors throughout,
+ * gravity_nm too, through the gear: the error's slope modulates it. The laws hold both from the beginning. waiting holds, for each
+ * axis, the delay torques that have been computed and do not act yet. reference is theta_ref in rad, samples of it. speed_rps and
+ * arm_acceleration become, for each axis, a number for every every-th sample. */
 void ramp_run(
-    const struct ramp_plant *plant, const struct harmonic *harmonics, integer orders, struct law *law, real period_s,
-    real friction_nm, real gravity_nm, real *waiting, integer delay, integer every, const real *reference, integer samples,
-    real *speed_rps, real *arm_acceleration);
+    const struct ramp_plant *plants, const struct harmonic *harmonics, integer orders, struct law *laws, integer count,
+    real period_s, real friction_nm, real gravity_nm, real *waiting, integer delay, integer every, const real *reference,
+    integer samples, real *speed_rps, real *arm_acceleration);
 
 #endif

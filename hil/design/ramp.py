@@ -8,6 +8,7 @@ on which it will be judged.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,11 +28,11 @@ SAMPLE_S = 0.002
 
 @dataclass(frozen=True)
 class RampMotion:
-    """Motion of the axis, at equal intervals.
+    """Motion of an axis, or of some, at equal intervals.
 
     Attributes:
-        motor_speed_rps: Motor speed f_m with its sign; shape (n,).
-        arm_acceleration_rad_s2: Arm acceleration θ̈_l; shape (n,).
+        motor_speed_rps: Motor speed f_m with its sign; shape (…, n).
+        arm_acceleration_rad_s2: Arm acceleration θ̈_l; shape (…, n).
     """
 
     period_s: float
@@ -89,21 +90,43 @@ def follow(
 
     Source: the paper, Fig. 3, eq. (1) and (2).
     """
-    every = max(1, round(sample_s / loop.period_s))
+    motion = follow_alike([loop], [error], reference_rad, sample_s, load_nm)
+    return RampMotion(motion.period_s, motion.motor_speed_rps[0], motion.arm_acceleration_rad_s2[0])
+
+
+def follow_alike(
+    loops: Sequence[Loop],
+    errors: Sequence[TransmissionError],
+    reference_rad: Real,
+    sample_s: float = SAMPLE_S,
+    load_nm: tuple[float, float] = (0.0, 0.0),
+) -> RampMotion:
+    """Simulate several axes along the same motion; shapes (axes, n); see `follow`.
+
+    Side by side they take three quarters of the time, and no bit of them changes.
+
+    Args:
+        loops: Loops of one period and delay.
+        errors: Errors of the same number of orders.
+    """
+    period_s, delay, count = loops[0].period_s, loops[0].delay_samples, len(loops)
+    every = max(1, round(sample_s / period_s))
     reference = np.array(reference_rad, dtype=np.float64)
-    plant, law = np.zeros(1, CORE.dtype("ramp_plant")), np.zeros(1, LAW)
-    plant["ratio"] = loop.plant.reduction_ratio
-    step, plant["arm"][0] = _discrete(loop.plant, loop.period_s)
-    plant["step"][0] = step.T
-    ServoConfig(loop.cascade, math.inf, tuple(loop.notches)).write(law[0])
-    speed, acceleration = np.zeros((2, -(-len(reference) // every)))
-    waiting, harmonics = np.full(loop.delay_samples, sum(load_nm)), _harmonics(error)
+    plants, laws = np.zeros(count, CORE.dtype("ramp_plant")), np.zeros(count, LAW)
+    for plant, law, loop in zip(plants, laws, loops, strict=True):
+        plant["ratio"] = loop.plant.reduction_ratio
+        step, plant["arm"] = _discrete(loop.plant, period_s)
+        plant["step"] = step.T
+        ServoConfig(loop.cascade, math.inf, tuple(loop.notches)).write(law)
+    harmonics = np.stack([_harmonics(error) for error in errors])
+    speeds, accelerations = np.zeros((2, count, -(-len(reference) // every)))
+    waiting = np.full((count, delay), sum(load_nm))
     CORE.call.ramp_run(
-        CORE.pointer(plant, "ramp_plant"), CORE.pointer(harmonics, "harmonic"), len(harmonics), CORE.pointer(law, "law"),
-        loop.period_s, *load_nm, CORE.pointer(waiting), len(waiting), every, CORE.pointer(reference), len(reference),
-        CORE.pointer(speed), CORE.pointer(acceleration),
+        CORE.pointer(plants, "ramp_plant"), CORE.pointer(harmonics, "harmonic"), harmonics.shape[1], CORE.pointer(laws, "law"),
+        count, period_s, *load_nm, CORE.pointer(waiting), delay, every, CORE.pointer(reference), len(reference),
+        CORE.pointer(speeds), CORE.pointer(accelerations),
     )  # fmt: skip
-    return RampMotion(every * loop.period_s, speed, acceleration)
+    return RampMotion(every * period_s, speeds, accelerations)
 
 
 def _harmonics(error: TransmissionError) -> NDArray[np.void]:

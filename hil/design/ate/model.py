@@ -32,6 +32,8 @@ BAND = (0.5, 2.1)
 """Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 RING_DOWN_RAD = 300.0
 """Accuracy: radians of the lowest frequency by which a transform is padded: a factor of 2 changes nothing."""
+TRANSFORMED = 8
+"""Accuracy: orders whose waves are transformed at a time, for time alone: those of a scan for orders fill no cache."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,19 @@ class Noise:
         return replace(self, sensor_variance=self.sensor_variance / weight**2)
 
 
+def _spectra_of_waves(
+    sweep: Sweep, reduction_ratio: float, orders: Sequence[float], length: int, inside: slice
+) -> tuple[Real, Complex]:
+    """All frequencies, and the spectra of θ̈_m/N and of the waves of each order inside a band; shape (1 + 2·orders, m)."""
+    angle, period_s, made = sweep.motor_angle_rad, sweep.period_s, []
+    for first in range(0, max(1, len(orders)), TRANSFORMED):
+        waves = shown_waves(angle, period_s, orders[first : first + TRANSFORMED])
+        given = waves if first else np.vstack([angle / reduction_ratio, waves])
+        frequency, spectra = acceleration_spectrum(given, period_s, length)
+        made.append(spectra[:, inside].copy())  # the copy lets go of what lies outside
+    return frequency, np.concatenate(made)
+
+
 class SweepModel:
     """Model of one recording."""
 
@@ -171,8 +186,8 @@ class SweepModel:
         ring_down = round(min(RING_DOWN_RAD / (2.0 * math.pi * band_hz[0]), 4.0) / period_s)
         self._length = int(scipy.fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
         full = self._length * self._every
-        waves = np.vstack([angle / reduction_ratio, shown_waves(angle, period_s, orders)])
-        frequency, spectra = acceleration_spectrum(waves, period_s, full)
+        inside = slice(0, self._length // 2)
+        frequency, spectra = _spectra_of_waves(sweep, reduction_ratio, self._orders, full, inside)
         band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
         _, gain = scipy.signal.sosfreqz(band, frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase
@@ -183,11 +198,10 @@ class SweepModel:
             weight = weight / np.sqrt(1.0 + np.abs(rounding * noise.arm.response(frequency)) ** 2 / noise.sensor_variance)
         weight = weight_of_all * weight
         self._rounding, self._all_frequency = weight * rounding, frequency
-        inside = slice(0, self._length // 2)
         self._frequency = frequency[inside]
-        self._spectra = sensing.gain * weight[inside] * spectra[:, inside]
+        self._spectra = sensing.gain * weight[inside] * spectra
         inertia = sensing.motor_inertia_kg_m2 * reduction_ratio  # the first spectrum is that of θ̈_m/N
-        self._own = inertia * weight[inside] * spectra[0, inside]
+        self._own = inertia * weight[inside] * spectra[0]
         self._has_own = bool(np.any(self._own))
         self._kept: tuple[bytes, Complex] | None = None
         # the fraction of white noise that comes through, hence of the samples that are independent

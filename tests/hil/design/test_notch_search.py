@@ -1,6 +1,7 @@
 """The space of filters, the score and the search, on an axis of the reference robot with little effort."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -144,13 +145,21 @@ SOME = Effort(population=8, generations=4, robust_population=5, robust_generatio
 @pytest.mark.ci
 def test_scores_that_end_early_change_no_filter_and_spare_simulations(monkeypatch):
     problem, f_al = problem_of(BENCH, NotchDesignRequest(2, uncertainty_percent=5.0))
-    simulated = []
-    follow = notch_problem.follow
-    monkeypatch.setattr(notch_problem, "follow", lambda *given, **named: simulated.append(1) or follow(*given, **named))
+    simulated, follow_alike = [], notch_problem.follow_alike
+
+    def counted(loops, *given, **named):
+        simulated.extend(loops)
+        return follow_alike(loops, *given, **named)
+
+    monkeypatch.setattr(notch_problem, "follow_alike", counted)
     early, spared = search(problem, 2, ("switched",), f_al, effort=SOME), len(simulated)
     simulated.clear()
-    score = Judge.score
-    monkeypatch.setattr(Judge, "score", lambda judge, notch, members=None, at_most=None: score(judge, notch, members))
+    scores = Judge.scores
+    monkeypatch.setattr(
+        Judge,
+        "scores",
+        lambda judge, notches, members=None: scores(judge, [(notch, math.inf) for notch, _ in notches], members),
+    )
     whole = search(problem, 2, ("switched",), f_al, effort=SOME)
     assert early.best.notches == whole.best.notches
     assert early.scores == whole.scores

@@ -11,7 +11,7 @@ from hil.bench.bench import load_bench
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import ConstantAcceleration, sample_times
 from hil.core.library import CORE
-from hil.design.ramp import _harmonics, follow
+from hil.design.ramp import _harmonics, follow, follow_alike
 from hil.design.transmission_error import TransmissionError
 
 BENCH = load_bench("reference")
@@ -98,6 +98,24 @@ def test_two_runs_are_the_same_to_the_last_bit():
     reference = constant_speed(6.0, T, 2.0)
     one, two = (follow(loop(3), error(3), reference) for _ in range(2))
     assert np.array_equal(one.arm_acceleration_rad_s2, two.arm_acceleration_rad_s2)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value")
+def test_axes_side_by_side_move_as_each_does_alone(delay):
+    """Other filters, plants and errors, more than go together at once, and one that diverges: to the last bit."""
+    reference, loops, errors = constant_speed(6.0, T, 2.0), [], []
+    for i in range(11):
+        one = loop(2 + i % 2, notch=i % 3 > 0, delay=delay)
+        gain = 5e3 if i == 7 else one.cascade.velocity_gain_nm_s_rad * (1.0 - 0.02 * i)
+        loops.append(dataclasses.replace(one, cascade=dataclasses.replace(one.cascade, velocity_gain_nm_s_rad=gain)))
+        errors.append(error(2 + i // 4 % 2))
+    together = follow_alike(loops, errors, reference, load_nm=(0.1, 0.2))
+    for one, its_error, *found in zip(loops, errors, together.motor_speed_rps, together.arm_acceleration_rad_s2, strict=True):
+        alone = follow(one, its_error, reference, load_nm=(0.1, 0.2))
+        expected = alone.motor_speed_rps, alone.arm_acceleration_rad_s2
+        assert [each.tobytes() for each in found] == [each.tobytes() for each in expected]
+    assert np.all(np.isfinite(together.motor_speed_rps), axis=1).tolist() == [i != 7 for i in range(11)]
 
 
 @pytest.mark.parametrize("orders", [(1, 2, 4), (2,), (0.5, 2, 3.25), (1, 2, 4.0 / 3.0), (math.sqrt(2.0), 2), (1, 97), ()])
