@@ -10,8 +10,6 @@ from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
 """Bound: band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
-ABOVE_F_R = 1.8
-"""Least upper end of the main run's band over f_r; those over f_a are `RESONANCE_BAND`."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
 """Bound: ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
 LARGEST_LOW_HZ = 3.0
@@ -59,7 +57,7 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
     """
     f_a, f_r = plant.antiresonance_hz, plant.resonance_hz
     low = min(LARGEST_LOW_HZ, max(LEAST_HZ, RESONANCE_BAND[0] * f_a))
-    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, RESONANCE_BAND[1] * f_a, PILOT_HZ[1] if is_wide else 0.0)
+    high = max(LEAST_HIGH_HZ, RESONANCE_BAND[1] * f_r, PILOT_HZ[1] if is_wide else 0.0)
     high = min(highest_hz(sync_s), high)
     return _band(request, low, high, quiet_speed(f_a, 0.5 * speed_limit_rps))
 

@@ -38,8 +38,8 @@ SLOW_TURNS = 4.0
 """Motor turns of a slow stretch."""
 SLOW_RPS = (0.4, 0.8)
 """Bound: speeds of the slow turns, beside the bias speed: below 1 rev/s static friction shows."""
-FAST_RPS, FAST_FRACTION = 3.5, 0.5
-"""Fastest of the slow turns, and the fraction of the speed limit that it may reach."""
+FAST_RPS = 3.5
+"""Fastest of the slow turns."""
 
 LEAST_TURNS = 6.01
 """Bound: motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
