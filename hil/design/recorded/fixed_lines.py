@@ -24,8 +24,8 @@ recordings have, and with 2.1 a resonance passes for a line in one of three reco
 MOST_FREQUENCIES = 4000
 """Bound: frequencies of a scan."""
 PIECES, STEADY_WITHIN = 4, 0.5
-"""Measured with `STANDS_OUT`: parts of a stretch in each of which a line is there, and how far from its mean it may be in each, by
-the mean: with 3, or with 0.7, that resonance passes for a line; 6, or 0.35, change nothing."""
+"""Measured with `STANDS_OUT`: parts of a stretch in each of which a line is there, and how far from its mean it may be in each,
+by the mean: with 3, or with 0.7, that resonance passes for a line; 6, or 0.35, change nothing."""
 
 
 @dataclass(frozen=True)

@@ -269,10 +269,10 @@ class PlantIdentification:
 
     def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
         """Fit the plant, for an arm with several modes."""
-        single = self._fit(data, spring_nm_rad, near)
+        timing, table = self._timing(), self.table
+        single = fit_plant(data, timing, table.reduction_ratio, table.tip_lever_m, spring_nm_rad, near)
         if self.bench.arm is None:
             return single
-        timing, table = self._timing(), self.table
         return fit_modes(data, timing, table.reduction_ratio, table.tip_lever_m, spring_nm_rad, single)
 
     def _compared(self, estimate: PlantEstimate, rough: PlantEstimate) -> tuple[PlantEstimate, str | None]:
@@ -296,8 +296,8 @@ class PlantIdentification:
         amplitude = min(largest, LARGEST_RISE * small)
         if amplitude <= 0.02 * small:
             raise self._refused(
-                f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission "
-                f"error at {self.travel.bias_rps:.2g} rev/s: {room.rest.speed_rps:.2g} rev/s, {room.rest.tip_m_s2:.2g} m/s²); choose "
+                f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission error "
+                f"at {self.travel.bias_rps:.2g} rev/s: {room.rest.speed_rps:.2g} rev/s, {room.rest.tip_m_s2:.2g} m/s²); choose "
                 "another --bias-rps, away from the resonance",
                 causes=("limits",),
             )
@@ -367,9 +367,6 @@ class PlantIdentification:
     def _timing(self) -> SamplingTiming:
         law = self.table.gains("its plant").cascade()
         return SamplingTiming(self.bench.bus.sync_period_s, self._control_s, self.excited, law)
-
-    def _fit(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
-        return fit_plant(data, self._timing(), self.table.reduction_ratio, self.table.tip_lever_m, spring_nm_rad, near)
 
     def _tip(self, recording: Recording, result: RunResult) -> Real | None:
         unused = f"the {self.bench.accelerometer.title} was not used"

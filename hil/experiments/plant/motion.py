@@ -44,7 +44,8 @@ FAST_RPS = 3.5
 LEAST_TURNS = 6.01
 """Bound: motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
 SLOWER = (1.0, 0.85, 0.7, 0.55, 0.4)
-"""Factors of the wanted bias speed that are tried on an arm until the stretch fits; the slow turns use the first three."""
+"""Accuracy: factors of the wanted bias speed that are tried on an arm until the stretch fits, so it may be up to 27 % slower than
+one that would; the slow turns use the first three."""
 
 ExcitedSignal = Literal["torque", "reference"]
 Shape = Literal["multisine", "chirp"]

@@ -51,11 +51,11 @@ PART_TURNS = 1.25
 """Accuracy: revolutions of a part in which a change is looked for, by those from which a stretch tells its orders apart: a factor
 of 2 changes nothing in four recordings."""
 MOST_PARTS = 6
-"""Accuracy: parts into which a stretch is cut, to see whether its error stays the same: a factor of 2 changes no value or error in
-four recordings, and with 8 one order more is seen to change."""
+"""Accuracy: parts into which a stretch is cut, to see whether its error stays the same: a factor of 2 changes no value or error
+in four recordings, and with 8 one order more is seen to change."""
 SPEEDS_APART = 2.0
-"""Accuracy: ratio of the speeds of two parts from which what two encoders show may be the arm's answer, which depends on the speed:
-a factor of 2 changes nothing in four recordings; at any ratio errors of two of them were up to 3.8 times as large."""
+"""Accuracy: ratio of the speeds of two parts from which what two encoders show may be the arm's answer, which depends on the
+speed: a factor of 2 changes nothing in four recordings; at any ratio errors of two of them were up to 3.8 times as large."""
 TURNED_DEG = 30.0
 """Bound: difference of a phase behind which a feed-forward leaves half of the vibration: 2 sin(15°) = 0.52."""
 NOT_ASKED = 0.1
