@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.report.paper import CITATION
+from hil.design.paper import CITATION
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -19,6 +19,7 @@ from hil.control.arrays import Real
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import SHAPES, Judge, NotchVerdict, verdict
 from hil.design.notch_problem import RISE, NotchProblem
+from hil.design.paper import TABLE_3
 
 CHUNK = 4
 """Accuracy: filters that a worker weighs at a time, for time alone: side by side their simulations take two thirds of it."""
@@ -31,11 +32,8 @@ TRIES = 6
 10730, 10735, 51206, 51213, 51261) the first decides."""
 
 
-PAPER_FILTERS = (
-    Notch(order=2, start_rps=4.0, end_rps=9.0, offset_hz=0.5, zeta_rn=0.028, zeta_rdth=0.1),
-    Notch(order=2, start_rps=4.0, end_rps=9.0, offset_hz=0.7, zeta_rn=0.036, zeta_rdth=0.1),
-)
-"""Filters of the paper, which are candidates on every robot; source: Table 3."""
+PAPER_FILTERS = tuple(Notch(**column._asdict()) for column in TABLE_3.values())
+"""Filters of the paper, which are candidates on every robot."""
 
 STARTS = (
     (0.26, 0.045, 0.26, 0.59, 1.65, 0.5, 0.08),

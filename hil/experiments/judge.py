@@ -19,6 +19,7 @@ from hil.control.arrays import Complex
 from hil.control.trajectory import reach_rps
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.paper import TABLE_1
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.design.uncertainty import LEAST_SPREAD
 from hil.errors import NotPossibleError
@@ -26,8 +27,6 @@ from hil.experiments.shaping import rates_of
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
 
-PAPER_F_AL_HZ = {2: 11.84, 3: 11.45}
-"""f_al of the paper's robot by axis; source: the paper, Table 1."""
 PAPER_LINE_AXIS = 2
 """Bound: axis by whose f_al the line motion of the paper's robot becomes a displacement."""
 MOST_DIFFERENCE = 0.15
@@ -209,8 +208,8 @@ def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S)
 
 def scale_at(bench: Bench, axis: int, f_al_hz: float) -> TipScale:
     """Scale of an axis with a known f_al."""
-    paper = PAPER_F_AL_HZ.get(axis) if bench.is_paper else None
-    if paper is not None and abs(f_al_hz - paper) <= LEAST_SPREAD * paper:
+    paper = TABLE_1.get(axis) if bench.is_paper else None
+    if paper is not None and abs(f_al_hz - paper.f_al_hz) <= LEAST_SPREAD * paper.f_al_hz:
         return paper_scale(f_al_hz)
     return tip_scale(f_al_hz)
 

@@ -12,6 +12,7 @@ from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.control.treatments import LoopName, TreatmentName
 from hil.design.frequency import CONTROL_PERIOD_S, acceleration_bound, margins
+from hil.design.paper import TABLE_1
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.judge import FoundScale, RunJudge, shown_rps, unreached
 from hil.experiments.motions import (
@@ -288,9 +289,6 @@ def _reduction_pct(before: float | None, after: float | None) -> float:
 
 
 # -- the paper's claims ------------------------------------------------------------------------------------------------
-
-TABLE_1 = {2: (11.84, 5.92, 2.96), 3: (11.45, 5.72, 2.86)}
-"""f_al in Hz, f_m2 and f_m4 in rps, by axis."""
 
 PAPER_LINE_AREA_PCT = 26.0
 """Bound: reduction of the area of the line motion's spectrum; section 5.2 of the paper."""

@@ -23,8 +23,6 @@ from hil.results.runs import ShaperEntry
 
 MOST_MODES = 2
 """Modes that a shaper is convolved for: each makes the motion longer."""
-DETUNED = 0.1
-"""Error of the frequency, as a part of it, at which the remaining vibration is stated."""
 
 
 def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
@@ -80,8 +78,8 @@ class FittedShaper:
             duration_s=self.shaper.duration_s,
             delay_s=self.shaper.delay_s,
             remaining_fraction=self.remaining(1.0),
-            remaining_low_fraction=self.remaining(1.0 - DETUNED),
-            remaining_high_fraction=self.remaining(1.0 + DETUNED),
+            remaining_low_fraction=self.remaining(0.9),
+            remaining_high_fraction=self.remaining(1.1),
             path_error_mm=path_error_mm,
         )
 

@@ -25,8 +25,6 @@ from hil.design.transmission_error import motor_speed_rps
 
 SPLINED = 0.3
 """Frequency over the sampling rate up to which the spline through the samples is kept; from `OF_SAMPLING` on c_k replaces it."""
-POWERS = (1, 2)
-"""Powers of f_k/|f_m|."""
 PATH_SAMPLES, WAVE_SAMPLES = 7.5, 19.0
 """Measured: samples between the knots of θ̄ and of the other orders' amplitudes: on four drawn robots with T = 8 ms, 6 to 10 and
 12 to 31 give A_k that differ by 0.1 to 0.5 %."""
@@ -42,7 +40,7 @@ class Ripple:
     """Coefficients C of each order that exceeds half of the sampling rate.
 
     Attributes:
-        waves: C in rad by order, forwards and backwards; shape (2, powers).
+        waves: C in rad by order, forwards and backwards; shape (2, 2).
     """
 
     period_s: float = 1.0
@@ -76,7 +74,7 @@ class Ripple:
         matrix = np.vstack(columns)
         size = np.maximum(np.linalg.norm(matrix, axis=0), np.finfo(float).tiny)
         parts = np.linalg.lstsq(matrix / size, np.concatenate(angles), rcond=None)[0] / size
-        found_waves = (parts[0::2] + 1j * parts[1::2]).reshape(len(fast), 2, len(POWERS))
+        found_waves = (parts[0::2] + 1j * parts[1::2]).reshape(len(fast), 2, 2)
         return cls(period_s, dict(zip(fast, found_waves, strict=True)))
 
     def angle(self, motor_angle_rad: Real, motor_speed_rps: Real) -> tuple[Real, Real]:
@@ -88,7 +86,7 @@ class Ripple:
         for order, coefficients in self.waves.items():
             slowness = _slowness(order, motor_speed_rps, self.period_s)
             replaced = np.clip((1.0 / slowness - 1.0) / (OF_SAMPLING / SPLINED - 1.0), 0.0, 1.0)
-            forwards, backwards = (sum(c * slowness**p for c, p in zip(each, POWERS, strict=True)) for each in coefficients)
+            forwards, backwards = (slowness * (first + second * slowness) for first, second in coefficients)
             wave = replaced * np.where(motor_speed_rps > 0.0, forwards, backwards) * np.exp(1j * order * motor_angle_rad)
             angle += wave.real
             rate += (2j * np.pi * order * motor_speed_rps * wave).real
@@ -152,7 +150,7 @@ class _Stretch:
         for order in self._fast:
             is_fast, slowness = self._shown(order) > SPLINED, _slowness(order, self._speed, self._period_s)
             for is_there in (self._speed > 0.0, self._speed <= 0.0):
-                made += [is_fast * is_there * slowness**power * wave for power in POWERS for wave in self._waves_of(order)]
+                made += [is_fast * is_there * part * wave for part in (slowness, slowness**2) for wave in self._waves_of(order)]
         return np.stack(made, axis=1) * self._keep[:, np.newaxis]
 
     def without_rest(self, columns: Real) -> Real:

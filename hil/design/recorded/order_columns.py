@@ -16,8 +16,9 @@ MOST_NUMBERS = 60_000_000
 """Bound: numbers of all stretches' waves, 4 bytes each: of more the longest stretches are scanned."""
 AT_ONCE = 8
 """Accuracy: orders whose columns are made at once, for time alone."""
-PROBED = 12
-"""Orders at which it is seen how far apart orders must be to be told apart."""
+FLOOR_STEP = 10
+"""Accuracy: rows from one median of a scan to the next, and from one order to the next at which it is seen how far apart orders
+must be to be told apart: a factor of 2 changes levels of four recordings by 2 %, and of four drawn ones by 0.6 %."""
 
 
 def scanned_orders() -> Real:
@@ -75,9 +76,9 @@ class OrderColumns:
         Two plain waves over n revolutions are alike by sinc², whose integral over their distance is 1/n. Through an arm an order
         shows mostly while it rings, so waves of orders further apart are alike; the inverse of the same integral says how far.
         """
-        probed = np.linspace(0, len(orders) - 1, PROBED + 2).round().astype(int)[1:-1]
+        probed = np.arange(0, len(orders), FLOOR_STEP)
         waves = self.pairs.reshape(-1, self.pairs.shape[2])
-        between = (self.pairs[probed].reshape(-1, waves.shape[1]) @ waves.T).reshape(PROBED, 2, -1, 2)
+        between = (self.pairs[probed].reshape(-1, waves.shape[1]) @ waves.T).reshape(len(probed), 2, -1, 2)
         alike = 0.5 * np.sum(between.astype(np.float64) ** 2, axis=(1, 3))
         return np.asarray(np.interp(orders, orders[probed], 1.0 / (ORDER_STEP * np.sum(alike, axis=1))))
 

@@ -17,15 +17,12 @@ from numpy.typing import NDArray
 from hil.control.arrays import Real
 from hil.design.order_map import APART_TURNS
 from hil.design.recorded.fit import AngleSection, waves_of_angle
-from hil.design.recorded.order_columns import ORDER_STEP, SCAN_FROM, SCAN_TO, OrderColumns
+from hil.design.recorded.order_columns import FLOOR_STEP, ORDER_STEP, SCAN_FROM, SCAN_TO, OrderColumns
 from hil.design.recorded.slow import slow_columns
 
 FLOOR_WIDTH, FLOOR_CELLS = 1.0, 16.0
 """Measured: orders to either side of which the floor is the median, and independent ones at least. Of 100 recordings without any
 error 2 have a peak above the level of 1 % (docs/recordings-method.md)."""
-FLOOR_STEP = 10
-"""Accuracy: rows from one median to the next, between which it is drawn through: a factor of 2 changes levels of four recordings
-by 2 %."""
 FALSE_ALARM = 0.01
 """Probability: with which noise alone reaches the level anywhere in the scan."""
 MEDIAN_KNOWS = 0.48

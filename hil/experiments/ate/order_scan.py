@@ -40,8 +40,6 @@ NEARLY_AS_GOOD = 0.9
 """Measured with `SEEN_FRACTION`: power of a whole order, over the best one beside it, from which the whole one is meant."""
 TRIED_ORDERS = (1, 2, 3, 4, 5, 6, 8)
 """Bound: orders of which each is fitted where those requested leave much: turns of the wave generator and their harmonics."""
-MUCH_BETTER = 0.2
-"""Fraction of the vibration by which one of `TRIED_ORDERS` must explain more."""
 LEAST_OWN = 0.1
 """Accuracy: part of an order's sine that the fitted orders must not explain: a factor of 2 changes nothing in six scans."""
 
@@ -137,7 +135,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
     scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
     if estimate.explained_by_error < 1.0 - VIBRATES:
         tried = [scan.with_order(estimate, order) for order in TRIED_ORDERS if order not in estimate.error.amplitude_arcsec]
-        better = [fit for fit in tried if fit.explained_by_error > estimate.explained_by_error + MUCH_BETTER]
+        better = [fit for fit in tried if scan.is_seen(fit, estimate)]
         if better:
             estimate = max(better, key=lambda fit: fit.explained_by_error)
             seen.append(scan.last_of(estimate))
@@ -146,10 +144,9 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
         if order is None:
             break
         found = scan.with_order(estimate, order)
-        new, left, once = scan.last_of(found), 1.0 - found.explained_by_error, 1.0 - estimate.explained_by_error
-        if new.sigmas < SEARCHED_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
+        if not scan.is_seen(found, estimate):
             break
-        seen.append(new)
+        seen.append(scan.last_of(found))
         estimate = found
     others = {each.order for each in seen}
     return OrderScan({k: part for k, part in scan.fractions(estimate).items() if k not in others}, tuple(seen))
@@ -178,6 +175,11 @@ class _Scan:
         order, size = list(estimate.error.amplitude_arcsec.items())[-1]
         sigmas = size / max(estimate.amplitude_error_arcsec[order], 1e-30)
         return SeenOrder(order, size, self.fractions(estimate)[order], sigmas)
+
+    def is_seen(self, found: JointEstimate, before: JointEstimate) -> bool:
+        """True if a fit shows its last order, beside the same fit without it."""
+        new, left, once = self.last_of(found), 1.0 - found.explained_by_error, 1.0 - before.explained_by_error
+        return new.sigmas >= SEARCHED_SIGMAS and new.fraction >= SEEN_FRACTION and left <= SEEN_LEAVES * once
 
     def fractions(self, estimate: JointEstimate) -> dict[float, float]:
         """Fraction of each order of the tip's motion beyond that of the motor."""

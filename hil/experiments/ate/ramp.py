@@ -25,7 +25,8 @@ Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"
 ADVISED_RPS_S = 50.0
 """Bound: accelerations from here on are not advised in messages: order 2 meets an arm of 12 Hz after 1.4 of its periods."""
 FIRST_ORDER_END = 1.2
-"""End speed of a ramp over f_a where order 1 is to pass the resonance as well."""
+"""Measured: end speed of a ramp over f_a where order 1 is to pass the resonance as well: 1.15 and 1.35 change no number of passes
+of four drawn robots, errors by 26 %, and 5 of 160 drawn robots have no room for 1.35."""
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
 """Measured: acceleration of a first pass, which goes with f_a², and the f_a for which it is meant: A_2 scatters by 0.5 %, A_4 by
 0.7 % (docs/theory-transmission-error.md)."""

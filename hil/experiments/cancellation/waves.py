@@ -24,7 +24,8 @@ from hil.robot_tables import ORDERS, LineMotion
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
 
 REACH = (0.45, 1.2)
-"""Frequencies that count as in the band, by its ends: its skirts let through what is large, and sums of orders."""
+"""Bound: frequencies that count as in the band, by its ends, where the band-pass lets 1.7 % and 25 % through: what is large shows
+there, and so do sums of orders."""
 SLOWEST = 0.05
 """Accuracy: motor speed below which nothing is read, in rev/s, as a fraction of f_al in Hz, since there the start's jerk is all
 that rings: a factor of 2 changes 0.16, and no tip by 0.0002 mm."""

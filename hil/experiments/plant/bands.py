@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from hil.design.estimation import ROUNDING
 from hil.design.frequency import CONTROL_PERIOD_S, OF_SAMPLING, RESONANCE_BAND, TwoInertia
 from hil.experiments.plant.motion import FAST_RPS, SLOWER, Band, PlantRequest
 from hil.master.drive.axis import DriveAxis
@@ -10,8 +11,6 @@ from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
 """Bound: band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
-ABOVE_F_R = 1.8
-"""Least upper end of the main run's band over f_r; those over f_a are `RESONANCE_BAND`."""
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
 """Bound: ends of the main run's band: gravity along the way lies below, and J_m alone shows above every resonance."""
 LARGEST_LOW_HZ = 3.0
@@ -22,9 +21,7 @@ second."""
 AWAY = 1.3
 """Measured: factor between the frequency of an order and f_a that is far enough: with 1.35, τ_C of two of sixty drawn robots had
 15 times the error, since slow turns were slower."""
-BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
-"""Bias speeds that are tried, as factors of the usual one, until one is `AWAY`."""
-FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
+FASTEST_BIAS_RPS = BIAS_RPS * AWAY
 
 
 def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
@@ -59,7 +56,7 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
     """
     f_a, f_r = plant.antiresonance_hz, plant.resonance_hz
     low = min(LARGEST_LOW_HZ, max(LEAST_HZ, RESONANCE_BAND[0] * f_a))
-    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, RESONANCE_BAND[1] * f_a, PILOT_HZ[1] if is_wide else 0.0)
+    high = max(LEAST_HIGH_HZ, RESONANCE_BAND[1] * f_r, PILOT_HZ[1] if is_wide else 0.0)
     high = min(highest_hz(sync_s), high)
     return _band(request, low, high, quiet_speed(f_a, 0.5 * speed_limit_rps))
 
@@ -67,9 +64,14 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
 def quiet_speed(f_a: float, limit_rps: float) -> float:
     """Bias speed nearest to the usual one without a ringing order.
 
-    No order of the transmission error falls on f_a; if there is no such speed, the quietest one is taken.
+    Where an order of the transmission error falls on f_a, it is a speed at which the order is just far enough away.
+
+    >>> quiet_speed(11.0, 10.0), round(quiet_speed(8.5, 10.0), 3)
+    (2.0, 1.635)
     """
-    return _quiet(f_a, [factor * BIAS_RPS for factor in BIASES if factor * BIAS_RPS <= limit_rps] or [BIAS_RPS])
+    edges = (f_a / order * far for order in ORDERS for far in ((1.0 + ROUNDING) * AWAY, (1.0 - ROUNDING) / AWAY))
+    speeds = [min(BIAS_RPS, limit_rps), *(speed for speed in edges if speed <= limit_rps)]
+    return _quiet(f_a, sorted(speeds, key=lambda speed: abs(math.log(speed / BIAS_RPS))))
 
 
 def fast_speed(f_a: float, limit_rps: float) -> float:

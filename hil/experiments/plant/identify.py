@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hil.control.arrays import Real
+from hil.control.cancellation_table import LIMIT_USED
 from hil.design.estimation import UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
 from hil.design.modes.fit import fit_modes
@@ -33,7 +34,6 @@ from hil.experiments.plant.checks import (
 )
 from hil.experiments.plant.evaluation import PlantEvaluation, cannot_tell
 from hil.experiments.plant.motion import (
-    FAST_FRACTION,
     Band,
     ExcitedSignal,
     PlannedMotion,
@@ -66,10 +66,6 @@ PILOTS = 3
 PILOT_RISE = 5.0
 """Measured: largest ratio of the amplitudes of two pilots: on 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749) the
 first was enough."""
-MOVED = 0.1
-"""Bound: relative change of bias speed from which it is another of `BIASES`, which are 14 % apart at least."""
-CALM = 0.3
-"""Fraction of the gear's vibration that is assumed at another bias speed: there the gear no longer resonates."""
 CALMER = 0.6
 """Measured: factor of the amplitude where the motor turned back under one that was chosen: on none of the drawn robots 10700 to
 10764."""
@@ -133,7 +129,7 @@ class PlantIdentification:
         self.travel = self._travel(main_band(self.request, sync_s, rough.plant, limit_rps, is_wide=is_arm))
         amplitude = self.request.amplitude_nm or self._chosen(rough, room)
         self._reporter.step("slow turns for friction and gravity")
-        fastest = fast_speed(rough.plant.antiresonance_hz, FAST_FRACTION * self.table.limits.speed_rps)
+        fastest = fast_speed(rough.plant.antiresonance_hz, LIMIT_USED * self.table.limits.speed_rps)
         slow = slow_motion(self.bench, self.request, self.travel, self.start_rev, fastest)
         try:
             friction = self._friction(slow, self._run("slow", slow), rough.plant.gear_stiffness_nm_rad)
@@ -273,10 +269,10 @@ class PlantIdentification:
 
     def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
         """Fit the plant, for an arm with several modes."""
-        single = self._fit(data, spring_nm_rad, near)
+        timing, table = self._timing(), self.table
+        single = fit_plant(data, timing, table.reduction_ratio, table.tip_lever_m, spring_nm_rad, near)
         if self.bench.arm is None:
             return single
-        timing, table = self._timing(), self.table
         return fit_modes(data, timing, table.reduction_ratio, table.tip_lever_m, spring_nm_rad, single)
 
     def _compared(self, estimate: PlantEstimate, rough: PlantEstimate) -> tuple[PlantEstimate, str | None]:
@@ -294,16 +290,14 @@ class PlantIdentification:
         """Amplitude at which torque, speed and tip stay well within their limits."""
         law = self.table.gains("its plant").cascade()
         per_nm = predicted_peaks(rough, self.travel, self.excited, law, self._control_s, self.table.tip_lever_m)
-        calm = abs(self.travel.bias_rps / room.bias_rps - 1.0) > MOVED  # away from the resonance at which the pilot turned
-        rest = room.rest.times(CALM if calm else 1.0)
-        here = replace(room, bias_rps=self.travel.bias_rps, rest=rest)
+        here = replace(room, bias_rps=self.travel.bias_rps)
         largest, self._limited_by = min(here.largest(per_nm), (self._set_point_room_nm(self.travel), SET_POINTS))
         small = PILOT_FRACTION * self.table.limits.torque_nm
         amplitude = min(largest, LARGEST_RISE * small)
         if amplitude <= 0.02 * small:
             raise self._refused(
-                f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission "
-                f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); choose "
+                f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission error "
+                f"at {self.travel.bias_rps:.2g} rev/s: {room.rest.speed_rps:.2g} rev/s, {room.rest.tip_m_s2:.2g} m/s²); choose "
                 "another --bias-rps, away from the resonance",
                 causes=("limits",),
             )
@@ -373,9 +367,6 @@ class PlantIdentification:
     def _timing(self) -> SamplingTiming:
         law = self.table.gains("its plant").cascade()
         return SamplingTiming(self.bench.bus.sync_period_s, self._control_s, self.excited, law)
-
-    def _fit(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
-        return fit_plant(data, self._timing(), self.table.reduction_ratio, self.table.tip_lever_m, spring_nm_rad, near)
 
     def _tip(self, recording: Recording, result: RunResult) -> Real | None:
         unused = f"the {self.bench.accelerometer.title} was not used"

@@ -17,12 +17,12 @@ from hil.control.angles import ARCSEC
 from hil.control.arrays import Real
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
+from hil.design.paper import TABLE_2
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.order_names import order_words, symbol, symbol_of
 from hil.report.origin import origin_of
-from hil.report.paper import TABLE_2
 from hil.report.plotted_run import FEWEST, draw_passage, passage_panels, spread_arcsec
 from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing

@@ -7,13 +7,13 @@ from hil.analysis import motor_speed_rps
 from hil.control.arrays import Real
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
+from hil.design.paper import TABLE_1
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.recording import Recording
 from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import Material
-from hil.report.paper import TABLE_1
 from hil.report.style import Drawing
 
 

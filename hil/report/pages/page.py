@@ -12,10 +12,10 @@ import jinja2
 from markupsafe import Markup, escape
 
 from drive_profiles.files.safefile import naming
+from hil.design.paper import CITATION
 from hil.report import palette
 from hil.report.interactive.parts import InteractiveParts, interactive_parts
 from hil.report.origin import MEASURED, Origin, origin_of
-from hil.report.paper import CITATION
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
 from hil.results.base import MeasuredBench, MeasuredResult

@@ -162,10 +162,9 @@ def test_a_pass_counts_by_what_it_leaves() -> None:
     # a gear that is no spring: the arm rings otherwise than the model of one has it
     bent = replace(quiet, signal=LEVER * arm_acceleration(ANGLE, TRUTH, zeta=2.0 * ZETA)[:: round(quiet.period_s / FINE)])
     arm, band = Arm(OMEGA / 2.0 / math.pi, ZETA, 0.0, SHARE), (6.2, 26.0)
-    assert RampsModel([quiet, quiet], RATIO, Sensing(LEVER), (2, 4), band).weights(arm) is None
+    assert RampsModel([quiet, quiet], RATIO, Sensing(LEVER), (2, 4), band).weights(arm) == pytest.approx((1.0, 1.0))
     alike = RampsModel([bent, quiet, more], RATIO, Sensing(LEVER), (2, 4), band)
     weights = alike.weights(arm)
-    assert weights is not None
     assert weights[1] > 2.0 * weights[0]
     assert float(np.mean(np.square(weights))) == pytest.approx(1.0)
     weighted = RampsModel([bent, quiet, more], RATIO, Sensing(LEVER), (2, 4), band, weights=weights)
