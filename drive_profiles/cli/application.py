@@ -277,7 +277,7 @@ def _leave(status: int) -> NoReturn:
 
 def _print_version(value: bool) -> None:
     if value:
-        from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415 - only here
+        from drive_profiles.version import DISTRIBUTION, version_text  # only here
 
         typer.echo(f"{DISTRIBUTION} {version_text()}")
         raise typer.Exit

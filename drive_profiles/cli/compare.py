@@ -1,7 +1,5 @@
 """Commands of ``drive-profiles`` that compare parameter sets."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 from pathlib import Path

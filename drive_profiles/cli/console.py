@@ -88,8 +88,8 @@ def exit_on_error(*, writes: bool = False) -> Iterator[None]:
 
     From the first write of a command that `writes` on, `Interrupts` holds the signals.
     """
-    from drive_profiles.address import AddressError  # noqa: PLC0415
-    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
+    from drive_profiles.address import AddressError
+    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError
 
     try:
         yield
@@ -156,8 +156,8 @@ def progress(label: str, total: int) -> Iterator[Callable[..., None]]:
 
         yield tell
         return
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=RATE_OVER_S) as bar:

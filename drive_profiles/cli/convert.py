@@ -1,7 +1,5 @@
 """``drive-profiles convert``: parameter sets to and from the formats of other tools."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the command, so that --help and completion stay quick
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``drive-profiles eds``: show, check and clean a device description."""
 
-# ruff: noqa: PLC0415 - canopen and rich are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 import json

@@ -1,7 +1,5 @@
 """Commands on nodes: their faults, network management (CiA 301), and LSS (CiA 305)."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 import time

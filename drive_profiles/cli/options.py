@@ -1,7 +1,5 @@
 """Options and arguments that several commands of ``drive-profiles`` take."""
 
-# ruff: noqa: PLC0415 - pydantic is imported inside the functions, so that --help and completion stay quick
-
 from __future__ import annotations
 
 import contextlib

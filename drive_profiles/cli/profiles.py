@@ -1,7 +1,5 @@
 """Commands of ``drive-profiles`` that show drive families."""
 
-# ruff: noqa: PLC0415 - pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,5 @@
 """Commands of ``drive-profiles`` that read a bus and write nothing to it."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 import datetime

@@ -1,7 +1,5 @@
 """Commands that realise a notch and gains, and write the families' pages."""
 
-# ruff: noqa: PLC0415 - pydantic and numpy are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 import dataclasses

@@ -1,7 +1,5 @@
 """Parameter sets as a user names them."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the functions, so that --help and completion stay quick
-
 from __future__ import annotations
 
 from pathlib import Path

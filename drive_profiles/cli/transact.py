@@ -1,7 +1,5 @@
 """Transaction of the commands of ``drive-profiles`` that write: ask, write, report."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the functions, so that --help and completion stay quick
-
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """drive-profiles watch: objects of a drive as they change."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
 from __future__ import annotations
 
 import json

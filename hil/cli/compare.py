@@ -1,7 +1,5 @@
 """`hil compare`: treatments side by side, over experiments and robots."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 import os
 from contextlib import ExitStack
 from dataclasses import replace

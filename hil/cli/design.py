@@ -1,7 +1,5 @@
 """`hil design notch`: a variable notch for an axis, from its plant."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path

@@ -82,9 +82,9 @@ def plant(
     with console.exit_on_error():
         bench = console.bench_on(bench_file, bus)
 
-        from hil.bench.model import Identified  # noqa: PLC0415
-        from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
-        from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
+        from hil.bench.model import Identified
+        from hil.experiments.plant.motion import PlantRequest, axis_table
+        from hil.experiments.plant.on_bus import run_identify_plant
 
         request = PlantRequest(
             axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
@@ -122,7 +122,7 @@ def _posture(text: str | None) -> dict[int, float]:
 
 def _summary(result: "PlantResult") -> None:
     """Print the identified numbers."""
-    from hil.results.plant import PARAMETERS  # noqa: PLC0415 - as above
+    from hil.results.plant import PARAMETERS
 
     plan, parameters = result.plan, result.parameters
     if plan is None or parameters is None:
@@ -144,8 +144,8 @@ def _summary(result: "PlantResult") -> None:
 def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
     """Return the lines on how the robot is moved."""
     limits = bench.axis[request.axis].limits
-    from hil.experiments.plant.bands import FASTEST_BIAS_RPS, pilot_band  # noqa: PLC0415
-    from hil.experiments.plant.motion import FAST_RPS  # noqa: PLC0415
+    from hil.experiments.plant.bands import FASTEST_BIAS_RPS, pilot_band
+    from hil.experiments.plant.motion import FAST_RPS
 
     band = pilot_band(request, bench.bus.sync_period_s)
     bias = FASTEST_BIAS_RPS if request.bias_rps is None else request.bias_rps

@@ -95,7 +95,7 @@ def learn(
         _check(axes := tuple(dict.fromkeys(axis or ())), motion, pace)
         bench = console.bench_on(bench_file, bus)
 
-        from hil.bench.model import Identified  # noqa: PLC0415
+        from hil.bench.model import Identified
 
         Identified.check_file(model, bench.name)
         name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
@@ -105,7 +105,7 @@ def learn(
         reporter = console.SpokenReporter()
         with shown_live(given.live, bench.bus.address, bench_file):
             if motion is None:
-                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary  # noqa: PLC0415
+                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
 
                 ramps = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
                 console.confirm_motion(bench, _motion_lines(bench, ramps), yes=given.yes)
@@ -114,7 +114,7 @@ def learn(
                 )
                 lines = summary(by_ramps)
             else:
-                from hil.experiments.cancellation.probing.on_bus import (  # noqa: PLC0415
+                from hil.experiments.cancellation.probing.on_bus import (
                     MotionLearnRequest,
                     learn_motion_on_bus,
                     motion_summary,
@@ -163,7 +163,7 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
 
 def _probing_lines(bench: "Bench", request: "MotionLearnRequest") -> Iterator[str]:
     """Return the lines on how the robot is moved."""
-    from hil.experiments.plan import Experiment  # noqa: PLC0415
+    from hil.experiments.plan import Experiment
 
     yield from console.motion_lines([(bench, Experiment(request.motion, request.axis, "none"))])
     probe = "3 to 15" if request.probe_arcsec is None else f"{request.probe_arcsec:g}"

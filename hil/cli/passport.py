@@ -1,7 +1,5 @@
 """`hil passport`: identified errors of each gear over months."""
 
-# ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
-
 import datetime
 import json
 from pathlib import Path

@@ -80,8 +80,8 @@ def run(
             raise fail("a line-motion takes no --axis" if is_line else f"a {experiment.value} run needs --axis", ExitStatus.USAGE)
         bench = console.bench_on(bench_file, bus)
 
-        from hil.experiments.plan import Experiment  # noqa: PLC0415
-        from hil.experiments.treatment import known_from  # noqa: PLC0415
+        from hil.experiments.plan import Experiment
+        from hil.experiments.treatment import known_from
 
         known_robot = known_from(bench_file, bench, model=model, design=design, learnt=learnt)
 
@@ -115,7 +115,7 @@ def run_and_report(
 
     Print the result. The paper's claims are all judged if `is_paper`; without a report `hil report` writes it later.
     """
-    from hil.experiments.runner import run_experiments  # noqa: PLC0415
+    from hil.experiments.runner import run_experiments
 
     is_lock_step = console.is_on_local_bus(bench) and clock is not ClockName.WALL
     with console.RunProgress(len(experiments), is_live=is_lock_step) as progress:
@@ -167,8 +167,8 @@ def _status(outcome: "ExperimentsOutcome") -> int:
 
 def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     """Print the runs, the comparisons and the claims."""
-    from hil.counting import times  # noqa: PLC0415
-    from hil.master.lateness import timing_lines  # noqa: PLC0415
+    from hil.counting import times
+    from hil.master.lateness import timing_lines
 
     bench = outcome.result.bench.file
     limit, chain = bench.specification.tip_mm, ",".join(map(str, bench.chain_axes))

@@ -61,7 +61,7 @@ def exit_on_error() -> Iterator[None]:
 
     Any other error keeps its traceback.
     """
-    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
+    from drive_profiles.errors import DriveProfileError
 
     try:
         yield
@@ -83,7 +83,7 @@ def exit_on_value_error(file: str | None = None) -> Iterator[None]:
     Args:
         file: The file whose contents are to blame; None: an option is.
     """
-    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
+    from drive_profiles.errors import DriveProfileError
 
     try:
         yield

@@ -1,7 +1,5 @@
 """plant-emulator robustness: many plants against the specification."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`hil scope`: a live page of a bus, or of recordings."""
 
-# ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
-
 import contextlib
 import importlib.util
 import os
