@@ -1,7 +1,5 @@
 """The pages of ``docs/drives``, made from the profiles alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from drive_profiles.errors import NotRealisableError

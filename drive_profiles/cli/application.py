@@ -1,7 +1,5 @@
 """The common look of the three tools."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools

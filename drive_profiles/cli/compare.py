@@ -1,7 +1,5 @@
 """Commands of ``drive-profiles`` that compare parameter sets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -79,7 +77,7 @@ def diff(
     _show(differences, str(left or eds), str(right or f"node {node}"), as_json=as_json)
 
 
-def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> list[Difference]:
+def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> "list[Difference]":
     """Return the differences between two sets in files, of any format."""
     from drive_profiles.cli.sets import catalogue_for
     from drive_profiles.errors import ProfileNotFoundError
@@ -97,13 +95,13 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
     known = max(catalogues, key=lambda each: (each.profile is not None, len(each)))
     first, second = (formats.read(path, known, node, flagged=True) for path in (left, right))
 
-    def scaling_of(entry: CatalogueEntry) -> Scaling | None:
+    def scaling_of(entry: CatalogueEntry) -> "Scaling | None":
         return first.header.scaling_of(entry) or second.header.scaling_of(entry)
 
     return first.differences(second, known, scaling_of)
 
 
-def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
+def _against_drive(path: Path, drive: DriveOptions) -> "list[Difference]":
     """Return the differences between a set and a drive, beyond limits too."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
@@ -128,7 +126,7 @@ def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
     return differences
 
 
-def _against_defaults(drive: DriveOptions, eds_file: Path) -> list[Difference]:
+def _against_defaults(drive: DriveOptions, eds_file: Path) -> "list[Difference]":
     """Return the differences between an EDS's defaults and a drive."""
     from drive_profiles import eds as front_end
     from drive_profiles.eds.export import entries
@@ -165,7 +163,7 @@ def _against_defaults(drive: DriveOptions, eds_file: Path) -> list[Difference]:
     return differences
 
 
-def _show(differences: list[Difference], left: str, right: str, *, as_json: bool) -> None:
+def _show(differences: "list[Difference]", left: str, right: str, *, as_json: bool) -> None:
     if as_json:
         print_json([difference._asdict() for difference in differences])
     elif differences:
@@ -176,7 +174,7 @@ def _show(differences: list[Difference], left: str, right: str, *, as_json: bool
         raise typer.Exit(ExitStatus.DIFFERS)
 
 
-def _values(difference: Difference) -> tuple[str, str]:
+def _values(difference: "Difference") -> tuple[str, str]:
     """Format both values so that they differ visibly."""
     from drive_profiles.family.catalogue import address_from
 

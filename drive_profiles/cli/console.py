@@ -1,7 +1,5 @@
 """Console of the commands of ``drive-profiles``."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -1,7 +1,5 @@
 """``drive-profiles convert``: parameter sets to and from the formats of other tools."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,7 +67,7 @@ def convert(
     typer.echo(f"{count} values in {out}")
 
 
-def _scaling(wanted: ParameterSet, catalogue: Catalogue) -> Scaling:
+def _scaling(wanted: "ParameterSet", catalogue: "Catalogue") -> "Scaling":
     """Return the scaling of the drive, from the set's header.
 
     Raises:

@@ -1,7 +1,5 @@
 """``drive-profiles eds``: show, check and clean a device description."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -168,7 +166,7 @@ def _count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def _load(path: Path, node_id: int | None) -> Description:
+def _load(path: Path, node_id: int | None) -> "Description":
     """Load a description, or exit with the reasons for its refusal."""
     from drive_profiles.eds import load
 
@@ -176,7 +174,7 @@ def _load(path: Path, node_id: int | None) -> Description:
         return load(path, node_id=node_id)
 
 
-def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
+def _read_again(data: bytes, out: Path, node_id: int | None) -> "tuple[Problem, ...]":
     """Return the problems of a file just made: faults of the device."""
     from drive_profiles.eds import loads
     from drive_profiles.errors import FileError
@@ -188,7 +186,7 @@ def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, .
         raise typer.Exit(ExitStatus.FILE) from None
 
 
-def _point_to_check(description: Description) -> None:
+def _point_to_check(description: "Description") -> None:
     """Point on standard error to the problems; standard output stays clean."""
     if count := len(description.problems):
         typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)

@@ -1,7 +1,5 @@
 """Commands on nodes: their faults, network management (CiA 301), and LSS (CiA 305)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -64,7 +62,7 @@ def faults(
         raise fail("\n".join(refused), ExitStatus.NODE)
 
 
-def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
+def devices_at(bus: "SdoBus", nodes: list[int] | None) -> "list[Device]":
     """Return the devices at these nodes, or at all that answer.
 
     Raises:
@@ -80,7 +78,7 @@ def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
     return [any_device_at(bus, node) for node in there]
 
 
-def _show(reports: list[FaultReport], *, as_json: bool, err: bool = False) -> None:
+def _show(reports: "list[FaultReport]", *, as_json: bool, err: bool = False) -> None:
     """Print reports as a table or as JSON."""
     if as_json:
         print_json([
@@ -172,7 +170,7 @@ def nmt(
             raise fail(f"node {node} does not answer", ExitStatus.NODE)
 
 
-def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
+def _wait_for_boot(bus: "SdoBus", before: dict[int, int]) -> None:
     """Wait until every node has sent its boot-up message."""
     deadline = time.monotonic() + BOOT_S
     while missing := [node for node, boots in before.items() if bus.boots(node) <= boots]:
@@ -183,7 +181,7 @@ def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
         time.sleep(0.02)
 
 
-def _seen(bus: SdoBus, node: int) -> str:
+def _seen(bus: "SdoBus", node: int) -> str:
     """Return the state of a node by its last heartbeat, in words."""
     from drive_profiles.standard.cia301 import NmtState
 
@@ -250,7 +248,7 @@ def node_id(
     Example: drive-profiles lss node-id 5 --unconfigured --store --bus socketcan:can0
     """
 
-    def change(lss: Lss, address: LssAddress) -> None:
+    def change(lss: "Lss", address: "LssAddress") -> None:
         confirm(f"give {address} the node-ID {new}{' and store it' if one.store else ''}?", yes=one.yes)
         lss.configure_node_id(new)
         if one.store:
@@ -278,7 +276,7 @@ def bit_rate(
     except AddressError as error:
         raise fail(str(error), ExitStatus.USAGE) from None
 
-    def change(lss: Lss, address: LssAddress) -> None:
+    def change(lss: "Lss", address: "LssAddress") -> None:
         confirm(
             f"give {address} {rate} bit/s and store it? At another rate than its bus, the node cannot be reached.", yes=one.yes
         )
@@ -289,7 +287,7 @@ def bit_rate(
     _with_one(one, change)
 
 
-def _with_one(one: OneNode, change: Callable[[Lss, LssAddress], None], taken: int | None = None) -> None:
+def _with_one(one: OneNode, change: "Callable[[Lss, LssAddress], None]", taken: int | None = None) -> None:
     """Choose one node, print its address, and act on it.
 
     `taken` is a node-ID that must be free.
@@ -315,7 +313,7 @@ def _with_one(one: OneNode, change: Callable[[Lss, LssAddress], None], taken: in
             change(lss, found)
 
 
-def _address(text: str) -> LssAddress:
+def _address(text: str) -> "LssAddress":
     from drive_profiles.device.lss import LssAddress
 
     try:

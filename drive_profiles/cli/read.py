@@ -1,7 +1,5 @@
 """Commands of ``drive-profiles`` that read a bus and write nothing to it."""
 
-from __future__ import annotations
-
 import datetime
 import math
 import re
@@ -90,7 +88,7 @@ def _nodes(text: str) -> list[int]:
     return sorted(numbers)
 
 
-def _row(identity: DeviceIdentity, names: list[str]) -> tuple[str, ...]:
+def _row(identity: "DeviceIdentity", names: list[str]) -> tuple[str, ...]:
     return (
         str(identity.node),
         _hex(identity.vendor_id),
@@ -245,7 +243,7 @@ def backup(
         raise typer.Exit(ExitStatus.NODE)
 
 
-def _kept(bus: SdoBus, node: int, out: Path, classes: tuple[str, ...]) -> dict[str, Any]:
+def _kept(bus: "SdoBus", node: int, out: Path, classes: tuple[str, ...]) -> dict[str, Any]:
     """Back up one node; gives its entry of the index."""
     from drive_profiles.device.device import identity_at
     from drive_profiles.device.target import device_at
@@ -316,8 +314,8 @@ def get(
 
 
 def _got(
-    device: Device, entries: list[CatalogueEntry]
-) -> tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]:
+    device: "Device", entries: "list[CatalogueEntry]"
+) -> "tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]":
     """Read objects; return those read, with bytes and value, and the failures."""
     from drive_profiles.errors import BusError, DriveProfileError
 
@@ -337,7 +335,7 @@ def _got(
     return values, failures
 
 
-def decoded(entry: CatalogueEntry, data: bytes, scaling_of: Callable[[list[CatalogueEntry]], Scaling | None]) -> float | str:
+def decoded(entry: "CatalogueEntry", data: bytes, scaling_of: "Callable[[list[CatalogueEntry]], Scaling | None]") -> float | str:
     """Return an object's value; bytes that are no value become text."""
     try:
         return entry.decoded(data, scaling_of([entry]))
@@ -350,7 +348,7 @@ def in_json(value: float | str) -> float | str:
     return value if isinstance(value, str) or math.isfinite(value) else str(value)
 
 
-def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:
+def _value(entry: "CatalogueEntry", data: bytes, value: float | str) -> str:
     """Format a value for people."""
     if entry.data_type is None and shown.is_hexadecimal(entry.address) and len(data) in {1, 2, 4, 8}:
         return f"0x{int.from_bytes(data, 'little'):0{2 * len(data)}X}"

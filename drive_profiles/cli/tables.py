@@ -6,8 +6,6 @@ A cell wraps between words; where even that is too wide, or takes more lines, ea
 go to a terminal has a line for each row, as wide as it is. Machines read `--json`.
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Sequence

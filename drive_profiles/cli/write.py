@@ -1,7 +1,5 @@
 """Commands of ``drive-profiles`` that write to drives, each by the same transaction."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable
@@ -176,7 +174,7 @@ def _pair(text: str) -> tuple[str, str]:
     return key.strip(), value.strip()
 
 
-def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> ParameterSet:
+def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> "ParameterSet":
     from drive_profiles.parameter_set.parameters import CLASSES, Item, ParameterSet
     from drive_profiles.standard.cia301 import DataType
     from drive_profiles.standard.object_address import address_text
@@ -335,7 +333,7 @@ _DEFAULTS = _Words(
 )
 
 
-def _give(request: TransactionRequest, node: int, choose: Callable[[Device], MemoryCommand], words: _Words) -> None:
+def _give(request: TransactionRequest, node: int, choose: "Callable[[Device], MemoryCommand]", words: _Words) -> None:
     """Give a drive one of the two commands, and print the result.
 
     Raises:

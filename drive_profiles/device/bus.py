@@ -1,7 +1,5 @@
 """A CAN bus for the parameter tool, opened through python-can."""
 
-from __future__ import annotations
-
 import contextlib
 import queue
 import threading
@@ -36,7 +34,7 @@ _SCAN_BURST = 8
 class _Line:
     """The SDO frames of one node on a shared bus."""
 
-    def __init__(self, bus: SdoBus, node: int) -> None:
+    def __init__(self, bus: "SdoBus", node: int) -> None:
         self._bus = bus
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
         self.boots = 0

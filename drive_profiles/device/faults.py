@@ -3,8 +3,6 @@
 They come from 1001h, 603Fh and the history in 1003h.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Layer setting services (LSS, CiA 305) on a bus."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 The thread that reads the bus supplies the answers; late answers to earlier requests are discarded.
 """
 
-from __future__ import annotations
-
 import collections
 import struct
 from collections.abc import Callable

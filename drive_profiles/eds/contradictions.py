@@ -5,8 +5,6 @@ Nothing is repaired, because only the device knows which side is right.
 Source: CiA 301, version 4.2.0 (7.4.1, sub-index 0; 7.5.1, mandatory objects); CiA 306-1 (device information).
 """
 
-from __future__ import annotations
-
 from canopen.objectdictionary import ODArray, ODRecord
 
 from drive_profiles.eds import values

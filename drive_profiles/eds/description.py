@@ -13,8 +13,6 @@ that number. Of repeated keys the first counts. Missing access is ``ro``, a miss
 Source: CiA 306-1 (EDS and DCF), CiA 311 (XDD).
 """
 
-from __future__ import annotations
-
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ They are identity, commissioning, lists of objects, dummies and comments.
 Source: CiA 306-1 (file and device information).
 """
 
-from __future__ import annotations
-
 import re
 
 from canopen.objectdictionary import ObjectDictionary, ODRecord

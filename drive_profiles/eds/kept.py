@@ -8,8 +8,6 @@ the exporter has it.
 Source: CiA 306-1: object description (4.6.3), device commissioning (DCF), modules, tools.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

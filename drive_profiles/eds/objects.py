@@ -6,8 +6,6 @@ read is left out and named; the others stay.
 Source: CiA 306-1 (objects, ``CompactSubObj``).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field

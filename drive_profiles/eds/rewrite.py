@@ -1,7 +1,5 @@
 """Rewriting of a file with other parameter values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

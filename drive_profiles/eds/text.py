@@ -10,8 +10,6 @@ read by their makers' tools; a later section adds the keys that the first has no
 Source: CiA 306-1 (format).
 """
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import re

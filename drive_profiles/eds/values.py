@@ -8,8 +8,6 @@ with a remark. A `ValueReading` with a remark and no value was dropped.
 Source: CiA 306-1 (values of keys); CiA 301, version 4.2.0, 7.4.7 (data types).
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct

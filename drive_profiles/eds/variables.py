@@ -8,8 +8,6 @@ missing access is read-only, an unknown type is bytes.
 Source: CiA 306-1, object description (4.6.3).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import IntFlag
 

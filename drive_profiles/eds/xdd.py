@@ -10,8 +10,6 @@ The file is not trusted: see `drive_profiles.files.xml_tree`, and its size is bo
 Source: CiA 311; the type names are those of IEC 61131-3.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from drive_profiles.eds.objects import MAX_VARIABLES

@@ -5,8 +5,6 @@ Each error has its line, its key and the expectation there.
 The unit of a number is in the name of its key (``torque_limit_nm``), so a wrong unit is a wrong key, and is reported.
 """
 
-from __future__ import annotations
-
 import datetime
 import difflib
 import json

@@ -5,8 +5,6 @@ section, which other tools pass over: ``; drive-profiles: counts_per_rev = 65536
 as an empty text, with their bytes: ``; drive-profiles: 2FF0:0 = ()``.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct

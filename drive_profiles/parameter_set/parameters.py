@@ -13,8 +13,6 @@ The tables are the four classes. ``commissioning`` (offsets, encoder facts) belo
 unless that is forced.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -257,7 +255,7 @@ class ParameterSet(Table):
 
     def differences(
         self,
-        other: ParameterSet,
+        other: "ParameterSet",
         catalogue: Catalogue | None = None,
         scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
     ) -> list[Difference]:
@@ -292,7 +290,7 @@ class _ComparedLine(NamedTuple):
     entry: CatalogueEntry | None = None
     data: bytes | None = None
 
-    def is_same_as(self, other: _ComparedLine) -> bool:
+    def is_same_as(self, other: "_ComparedLine") -> bool:
         if self.data is not None and other.data is not None:
             return self.data == other.data
         return (self.item.value, self.item.unit, self.item.type) == (other.item.value, other.item.unit, other.item.type)

@@ -12,8 +12,6 @@ The quadratic Q(s) = 1 + 2 ζ s/ω + s²/ω² becomes a polynomial C(x) = c₀ +
 A filter is the quotient of two such, its gain at DC (x = 1) is 1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -81,7 +79,7 @@ class NotchTarget:
             raise ValueError(f"zeta_zero = {self.zeta_zero:g} must be below zeta_pole = {self.zeta_pole:g} to make a notch")
 
     @classmethod
-    def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:
+    def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> "NotchTarget":
         """Return the notch for one motor speed.
 
         Its zeros are at k f_m (the harmonic order k, revolutions per second), its poles ω_d/2π above, with dampings ζ_rn and
@@ -101,7 +99,7 @@ class NotchTarget:
         return self.pole_hz - self.zero_hz
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> "Shape":
         """The target as a continuous filter."""
         return Shape(self.zero_hz, self.zeta_zero, self.pole_hz, self.zeta_pole, 1.0, is_stable=True)
 

@@ -1,7 +1,5 @@
 """Search for the filter values that come nearest to a target."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator

@@ -7,8 +7,6 @@ exactly as the objects hold them, and zeros, poles and DC gain are recomputed fr
 the designed notch is refused with the numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -38,7 +36,7 @@ class Deviations:
     depth_db: float
 
     @classmethod
-    def between(cls, target: NotchTarget, held: Shape) -> Deviations:
+    def between(cls, target: NotchTarget, held: Shape) -> "Deviations":
         """Compare a held filter with its target."""
         offset = held.pole_hz - held.zero_hz
         return cls(

@@ -1,7 +1,5 @@
 """The filter that a drive runs with its objects' values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -7,8 +7,6 @@ Both sides of the bus use this module: the drive calls `next_state`, the master 
 Source: CiA 402-2 (IEC 61800-7-201), device control: state machine, 6040h, 6041h and the option codes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from enum import Enum, IntEnum
 from typing import NamedTuple

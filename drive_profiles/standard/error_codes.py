@@ -5,8 +5,6 @@ They occur in emergency messages, in 603Fh and in 1003h.
 Source: CiA 301, 7.2.7.1; CiA 402-2, object 603Fh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 _CODES = {

@@ -3,8 +3,6 @@
 Numbers have four digits and units, words of bits are hexadecimal. Files and JSON hold all digits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -28,7 +26,7 @@ _COB_IDS = ((range(0x1200, 0x1300), (1, 2)), (range(0x1400, 0x1600), (1,)), (ran
 _MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 
 
-def is_hexadecimal(address: ObjectAddress) -> bool:
+def is_hexadecimal(address: "ObjectAddress") -> bool:
     """Return True for bits, codes, identities, COB-IDs and PDO mappings."""
     index, subindex = address
     if address in _BITS:
@@ -77,7 +75,7 @@ def measured(value: float, error: float) -> str:
     return f"{value:.{max(decimals, 0)}f} ± {error:.{max(decimals, 0)}f}"
 
 
-def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
+def value(held: float | str, address: "ObjectAddress", data_type: "DataType | None" = None, digits: int = DIGITS) -> str:
     """Format an object's value; hexadecimal ones have all digits of their type."""
     if isinstance(held, str):
         return held
@@ -86,7 +84,7 @@ def value(held: float | str, address: ObjectAddress, data_type: DataType | None 
     return number(held, digits)
 
 
-def pair(left: float | str, right: float | str, address: ObjectAddress, data_type: DataType | None = None) -> tuple[str, str]:
+def pair(left: float | str, right: float | str, address: "ObjectAddress", data_type: "DataType | None" = None) -> tuple[str, str]:
     """Format two values of an object so that they differ visibly."""
     for digits in range(DIGITS, _EXACT + 1):
         shown = value(left, address, data_type, digits), value(right, address, data_type, digits)

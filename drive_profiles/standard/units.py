@@ -6,8 +6,6 @@ same. A value that the object cannot hold is refused with its numbers, never cla
 Source: CiA 402-2, 607Eh, 608Fh, 6076h, 6091h, 6092h, 60A8h to 60AAh and 60C2h.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Objections to an upload, raised before anything is written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from drive_profiles.device.device import Device, DeviceIdentity

@@ -7,8 +7,6 @@ its bytes before and its bytes wanted. Each write is announced before it is sent
 lines survive the death of the tool. After a loss of power they may be missing: then every object of the snapshot is uncertain.
 """
 
-from __future__ import annotations
-
 import calendar
 import contextlib
 import json
