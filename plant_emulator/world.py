@@ -63,8 +63,6 @@ class World:
     A node whose controller is bus-off neither receives nor sends until it has recovered or been power-cycled.
 
     Attributes:
-        axes: The mechanics.
-        accelerometer: The node at the tip.
         course: The core's record for cycles that need no Python.
         on_power_cycle: Called with the port of a node that gets its supply back.
     """

@@ -67,7 +67,6 @@ class SdoBus:
     """A CAN bus that several threads may share.
 
     Attributes:
-        address: The bus address as it was given.
         on_lss: Called in the reading thread with the data of each answer of an LSS slave.
     """
 

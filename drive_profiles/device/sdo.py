@@ -82,7 +82,6 @@ class SdoPort:
         refusal: Error raised where the node refuses; a user with errors of its own derives this class and names them.
         silence: Error raised where the node is silent; likewise.
         shared: Error raised instead where requests of another client to the node have been seen.
-        timeout_s: Time that an answer may take, s.
         strays: Objects whose writing the node has confirmed although this port did not write them.
     """
 

@@ -60,7 +60,6 @@ class Builder(VariableReader):
     """Builder of canopen's dictionary from the sections of a file.
 
     Attributes:
-        dictionary: The dictionary as far as it is built.
         sections: The section of every variable that has one, by index and sub-index.
         compact: The sections of every object with a compact notation, by index.
     """

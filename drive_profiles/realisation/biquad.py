@@ -114,10 +114,6 @@ class Shape:
     frequency ∞ and damping 0.
 
     Attributes:
-        zero_hz: Frequency of the zeros, ω_z / 2π, Hz.
-        zeta_zero: Damping of the zeros, ζ_z.
-        pole_hz: Frequency of the poles, ω_p / 2π, Hz.
-        zeta_pole: Damping of the poles, ζ_p.
         dc_gain: Gain at DC, g; infinite where the denominator vanishes at DC.
         is_stable: True if both poles are inside the unit circle.
     """

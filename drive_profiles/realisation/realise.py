@@ -150,7 +150,6 @@ def realise(
     ``variable`` form takes offset and dampings; order and speed range are not in the target and stay the caller's.
 
     Args:
-        target: The notch at one speed.
         section: Number of the drive's filter, from 0.
         period_s: Period at which the filter runs, s; needed where the profile does not know it.
         allow_approximate: Accept the nearest filter that the drive holds. A frequency out of range, an unknown scaling, or a

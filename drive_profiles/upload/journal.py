@@ -54,7 +54,6 @@ class JournalStatement:
     """The conclusions that a journal allows about a drive.
 
     Attributes:
-        snapshot: The snapshot in its first line.
         possible: Bytes that each object may hold now, by address; a single value where that is certain.
         stored: ``yes``, ``no`` or ``unknown``: the drive has stored the values.
         outcome: End of the upload as it noted it; empty if it was killed before.

@@ -48,9 +48,6 @@ def draw_arm(seed: int) -> ArmRobot:
 
     Equal arguments give equal arms.
 
-    Args:
-        seed: Seed of all draws, and of the robot's own noise.
-
     Raises:
         ValueError: The seed is negative.
     """

@@ -213,7 +213,6 @@ class DaskWorkers:
     If a worker dies, the scheduler gives its tasks to others, by default three times, before it reports the loss.
 
     Args:
-        address: Address of the scheduler, such as tcp://127.0.0.1:8786.
         patience_s: Longest wait for the scheduler, and for the first of its workers.
     """
 

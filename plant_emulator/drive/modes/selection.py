@@ -65,7 +65,6 @@ class ModeSelection:
         """Bind the objects.
 
         Args:
-            slave: The node.
             modes: The modes that the drive has, by number; at 0, the one that acts if none is chosen, or nothing.
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
