@@ -346,16 +346,12 @@ def _differences(first: Profile, product: Product, member: Profile, sources: _So
     if changed:
         yield _table(_COLUMNS, changed)
     defaults = {name: member.parameters[name].default for name in product.parameters}
-    others = [f"`{name}` {value}" for name, value in defaults.items() if _has_other_default(first, name, value)]
+    held = {name: known.default for name, known in first.parameters.items()}
+    others = [f"`{name}` {value}" for name, value in defaults.items() if value is not None and value != held.get(name)]
     if others:
         yield f"Different factory settings, as raw values: {', '.join(others)}."
     if not (product.quirks or product.absent or product.capabilities or product.facts or changed):
         yield "No other difference is known."
-
-
-def _has_other_default(first: Profile, name: str, value: object) -> bool:
-    known = first.parameters.get(name)
-    return value is not None and (known is None or known.default != value)
 
 
 def _text(name: str, value: object) -> str:

@@ -87,7 +87,8 @@ def show(
             ("object", "name", "type", "access", "default", "limits", "mappable", "value"),
             [_row(row) for row in rows],
         )
-    _point_to_check(description)
+    if count := len(description.problems):  # on standard error: standard output stays clean
+        typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 
 
 @app.command(epilog=EDS_EPILOG)
@@ -184,12 +185,6 @@ def _read_again(data: bytes, out: Path, node_id: int | None) -> "tuple[Problem, 
     except FileError as error:
         typer.echo(f"{error}\nnot written: the result cannot be read again", err=True)
         raise typer.Exit(ExitStatus.FILE) from None
-
-
-def _point_to_check(description: "Description") -> None:
-    """Point on standard error to the problems; standard output stays clean."""
-    if count := len(description.problems):
-        typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 
 
 def _is_wanted(row: dict[str, Any], wanted: str) -> bool:

@@ -134,21 +134,15 @@ def info(drive: DriveOptions) -> None:
         print_json(facts)
         return
     rows = [
-        (
-            key.replace("_", " "),
-            "-" if value in (None, "", []) else f"0x{value:0{_HEXADECIMAL[key]}X}" if key in _HEXADECIMAL else _plain(value),
-        )
-        for key, value in facts.items()
+        (key.replace("_", " "), "-" if value in (None, "", []) else f"0x{value:0{digits}X}" if digits else str(value))
+        for key, value in (facts | {"profiles": ", ".join(names)}).items()
+        for digits in (_HEXADECIMAL.get(key),)
     ]
     table("", ("fact", "value"), rows)
 
 
 _HEXADECIMAL = {"device_type": 8, "vendor_id": 8, "product_code": 8, "revision": 8, "error_register": 2}
 """Digits of what is hexadecimal."""
-
-
-def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 @command(epilog=READ_EPILOG)

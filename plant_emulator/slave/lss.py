@@ -181,9 +181,6 @@ class LssSlave:
     def _inquire(self, data: bytes) -> tuple[int, ...]:
         return data[0], *self.address[data[0] - LssService.INQUIRE_VENDOR].to_bytes(4, "little")
 
-    def _inquire_node_id(self, _data: bytes) -> tuple[int, ...]:
-        return LssService.INQUIRE_NODE_ID, self.active
-
     def _identify(self, data: bytes) -> tuple[int, ...] | None:
         asked = _collect(self._identification, data, LssService.IDENTIFY_VENDOR, LssService.IDENTIFY_SERIAL_HIGH)
         if asked is None:
@@ -262,7 +259,7 @@ _SERVICES: dict[LssState, dict[int, _Handler]] = {
         LssService.ACTIVATE_BIT_TIMING: LssSlave._activate_bit_timing,
         LssService.STORE: LssSlave._store,
         **dict.fromkeys(range(LssService.INQUIRE_VENDOR, LssService.INQUIRE_SERIAL + 1), LssSlave._inquire),
-        LssService.INQUIRE_NODE_ID: LssSlave._inquire_node_id,
+        LssService.INQUIRE_NODE_ID: lambda slave, _: (LssService.INQUIRE_NODE_ID, slave.active),
     },
 }
 """Answers by state; a request that is not listed is for other slaves."""

@@ -120,7 +120,7 @@ class Slave:
         )
         self._time = TimeConsumer(dictionary, self._route)
         self.store = ParameterStore(dictionary, store_commands, store_time_ns)
-        self._sync = SyncConsumer(dictionary, self.emergencies, self._resort)
+        self._sync = SyncConsumer(dictionary, self.emergencies, lambda: self._pdo.sort())  # noqa: PLW0108 - made below
         self._pdo = PdoEngine(
             dictionary,
             emergency=self.emergencies,
@@ -128,7 +128,7 @@ class Slave:
             changed=self._route,
             send=self._send,
             on_started=self._reschedule,
-            on_missing=self._on_timeout,
+            on_missing=lambda number: self.on_rpdo_timeout(number),  # noqa: PLW0108 - an owner sets another
         )
         if node_id != UNCONFIGURED:
             dictionary.renumber(node_id)
@@ -340,9 +340,6 @@ class Slave:
         if target is not None:
             self._change(target)
 
-    def _on_timeout(self, number: int) -> None:
-        self.on_rpdo_timeout(number)
-
     # State
 
     def _reset(self, kind: ResetKind) -> None:
@@ -394,9 +391,6 @@ class Slave:
             self._pdo.stop()
         self._route()
         self.on_nmt(old, new)
-
-    def _resort(self) -> None:
-        self._pdo.sort()
 
     def _route(self) -> None:
         """Look up the identifiers that concern the node now; later entries win."""

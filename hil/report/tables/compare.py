@@ -1,7 +1,5 @@
 """Tables of a comparison: treatments, compliance, and omitted runs."""
 
-from collections.abc import Iterable
-
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
@@ -117,7 +115,12 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         ("compliance at 1 Hz", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.slow:.2f}"),
         ("largest", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.peak:.2f}"),
     )
-    rows = [(each.name, row) for each in result.robots for row in _in_order(each.rows, name, axis)]
+    rows = [
+        (each.name, row)
+        for each in result.robots
+        for row in sorted(each.rows, key=lambda row: row.left_out is not None)  # as they were run, omitted ones at the end
+        if (row.experiment, row.axis) == (name, axis)
+    ]
     host = (
         " The fixed notch runs only on the host, which closes the loop over the bus with a sample of delay. It is compared with "
         "no treatment there."
@@ -132,12 +135,6 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
     )
     left, title = len(robot), f"{case_name(name, axis).capitalize()}: every treatment"
     return tabulate(f"table-{key_of(name, axis)}", title, columns, rows, caption, (*range(left + 2), left + 7, left + 8))
-
-
-def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> list[ComparisonRow]:
-    """Drive-closed first, as they were run; omitted ones at the end."""
-    own = [row for row in rows if (row.experiment, row.axis) == (name, axis)]
-    return sorted(own, key=lambda row: row.left_out is not None)
 
 
 def _within(row: ComparisonRow) -> Mark:
