@@ -2,9 +2,6 @@
 
 They are simulated runs, Monte Carlo over plants, and the linearised closed loop.
 
-`studies.simulate` runs an experiment of the bench in one process, `studies.robustness` runs many plants that differ from the
-robot file, and `studies.closed_loop` computes poles:
-
     >>> from hil.control.cascade import Cascade
     >>> from hil.design.frequency import Loop
     >>> from plant_emulator.robots.robot import load_robot
