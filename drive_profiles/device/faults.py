@@ -1,7 +1,4 @@
-"""Faults of a drive in words, and their clearing.
-
-They come from 1001h, 603Fh and the history in 1003h.
-"""
+"""Faults of a drive in words, and their clearing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

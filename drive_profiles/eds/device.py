@@ -1,7 +1,5 @@
 """Parts of a description other than its objects.
 
-They are identity, commissioning, lists of objects, dummies and comments.
-
 Source: CiA 306-1 (file and device information).
 """
 

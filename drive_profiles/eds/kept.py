@@ -1,7 +1,5 @@
 """Keys of CiA 306 that canopen's exporter does not write.
 
-They are inserted into its output.
-
 Only what has a meaning in CiA 306 is kept. What the exporter writes itself, and what the reader has repaired or dropped, stays as
 the exporter has it.
 

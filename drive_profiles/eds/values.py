@@ -1,7 +1,5 @@
 """Values from their text in a file.
 
-They are numbers in every spelling that files have, ``$NODEID``, data types and access words.
-
 Text with one possible meaning is read, with a remark if the standard demands another spelling. Ambiguous text is dropped,
 with a remark. A `ValueReading` with a remark and no value was dropped.
 

@@ -1,7 +1,5 @@
 """One variable from the keys of its section.
 
-It has a name, type, access, default and limits, and the value that a DCF gives.
-
 A missing or wrong key is noted, and the variable gets the least harmful substitute: an unreadable number is left out,
 missing access is read-only, an unknown type is bytes.
 

@@ -1,7 +1,5 @@
 """Reading of TOML files into frozen models, with located errors.
 
-Each error has its line, its key and the expectation there.
-
 The unit of a number is in the name of its key (``torque_limit_nm``), so a wrong unit is a wrong key, and is reported.
 """
 

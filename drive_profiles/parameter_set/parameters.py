@@ -1,7 +1,5 @@
 """A parameter set as a text file with one object per line.
 
-It states values that a drive holds or shall hold.
-
     [header]
     profile = "emulated_drive"
     …

@@ -1,7 +1,5 @@
 """Conversion of second-order filters between coefficients and frequencies.
 
-It covers the discretisations that drives use.
-
 The quadratic Q(s) = 1 + 2 ζ s/ω + s²/ω² becomes a polynomial C(x) = c₀ + c₁ x + c₂ x² in x = z⁻¹, with T the sampling time:
 
 - bilinear, s = (2/T) (1 − x)/(1 + x), k = ωT/2:  C = (1 + x)² + (2ζ/k) (1 − x²) + (1 − x)²/k²
@@ -147,8 +145,6 @@ class Shape:
 
 def shape_of(biquad: Biquad, period_s: float) -> Shape:
     """Recompute zeros, poles and DC gain from coefficients.
-
-    The result is the continuous filter whose bilinear transform they are.
 
     With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)². Hence
     ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. At the sampling rates of drives n₀ is

@@ -1,7 +1,5 @@
 """Realisation of the paper's notch in a drive.
 
-It finds values for the drive's parameters and the filter that the drive then runs.
-
 A drive's filter is rarely the designed one: its objects hold 15 bits, whole hertz, or a Q of 5 at most. So the values are rounded
 exactly as the objects hold them, and zeros, poles and DC gain are recomputed from the rounded values. A filter that is no longer
 the designed notch is refused with the numbers.

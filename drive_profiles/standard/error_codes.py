@@ -1,7 +1,5 @@
 """Error codes of drives in words.
 
-They occur in emergency messages, in 603Fh and in 1003h.
-
 Source: CiA 301, 7.2.7.1; CiA 402-2, object 603Fh.
 """
 

@@ -69,8 +69,6 @@ POSITION_REVERSED, VELOCITY_REVERSED = 1 << 7, 1 << 6
 class Scaling:
     """Scaling of one drive.
 
-    It gives the units of the drive's positions, speeds, accelerations and torques.
-
     Positions on the wire are in the user's unit, which is an increment of the encoder unless the feed constant or the units say
     otherwise. Without a feed constant the gear ratio does not act: such drives count at the motor.
 

@@ -1,7 +1,5 @@
 """The journal of an upload on disk, and its snapshot as a parameter set.
 
-It holds a snapshot to go back to, and a record that shows what a killed upload has done.
-
 One JSON object per line. The first, written by way of a temporary file and fsync before anything is sent, holds for every object
 its bytes before and its bytes wanted. Each write is announced before it is sent and confirmed after it is answered; those
 lines survive the death of the tool. After a loss of power they may be missing: then every object of the snapshot is uncertain.

@@ -1,7 +1,5 @@
 """One attempt to send on the bus.
 
-It has senders, winners, a duration, and errors that are counted.
-
 Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error frames), 12.1.4 (fault confinement).
 """
 

@@ -89,10 +89,7 @@ class Artefacts:
         self.add_live(name, lambda: (summary, result.recording))
 
     def add_live(self, name: str, tell: RunReader) -> None:
-        """Add a run that is still going.
-
-        Its reader is called when the test has failed.
-        """
+        """Add a run that is still going."""
         self._count += 1
         self._runs.append((f"{self._count:02d}-{name}", tell))
 

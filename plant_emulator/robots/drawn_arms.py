@@ -1,7 +1,5 @@
 """Arms drawn by seed.
 
-They are the reference arm with other lengths, masses, loads, postures, gears, motors and errors.
-
 Or they have the links of a URDF file, with drawn motors, gears and errors, which such a file lacks.
 
 >>> from plant_emulator.robots.drawn_arms import draw_arm

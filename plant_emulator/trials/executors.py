@@ -1,7 +1,5 @@
 """Executors of tasks.
 
-They are processes of this machine, or the workers of a Dask scheduler.
-
 Both take a function of a module and plain values, and give a future of `concurrent.futures`. A task whose process died is
 tried once more.
 """

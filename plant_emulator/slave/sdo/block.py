@@ -150,8 +150,6 @@ class BlockUpload:
     def acknowledge(self, number: int, block_size: int) -> None:
         """Process the client's acknowledgement.
 
-        It has the number of the last segment received in order, and the size of the next sub-block.
-
         Raises:
             SdoAbort: No segment of that number has been sent, or there is no such block size and more is to come.
         """
