@@ -128,20 +128,14 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
         margins = f" Margins: by the {material.model_source}'s model, the worst of {len(speeds[0])} motor speeds "
         margins += f"from {speeds[0][0]:g} to {speeds[0][-1]:g} rev/s."
     caption = f"{_held(material, filters)}{' Brackets: the value of the paper, if it differs.' if is_paper else ''}" + margins
-    title = f"{filter_names(filters)}, with its margins"
+    whose = "" if filters.treatments == ("notch",) else f" of {' and '.join(map(treatment_name, filters.treatments))}"
+    title = f"Variable notch filter{whose}, with its margins"
     return ReportTable(f"table-3{filters_end(nth)}", title, header, rows, caption=caption, paper="Table 3" if is_paper else "")
 
 
 def filters_end(nth: int) -> str:
     """Return the end of the keys of the n-th filters."""
     return f"-filters{nth + 1}" if nth else ""
-
-
-def filter_names(filters: FilterSet) -> str:
-    """Filters by the treatments in which they acted."""
-    if filters.treatments == ("notch",):
-        return "Variable notch filter"
-    return f"Variable notch filter of {' and '.join(map(treatment_name, filters.treatments))}"
 
 
 def _held(material: Material, filters: FilterSet) -> str:
