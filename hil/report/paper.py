@@ -1,6 +1,6 @@
-"""Numbers of the paper's Tables 1 to 3, for comparison.
+"""Numbers of the paper's Tables 2 and 3, for comparison; those of Table 1 are in `hil.experiments.plan`.
 
-Source: `CITATION`, Tables 1 to 3.
+Source: `CITATION`, Tables 2 and 3.
 """
 
 from typing import NamedTuple
@@ -12,14 +12,6 @@ CITATION = (
     "Application to Industrial Robots”, 19th IFAC World Congress, Cape Town, 2014 (IFAC Proceedings Volumes 47)"
 )
 """The paper whose control this bench runs, as every report cites it."""
-
-
-class ResonanceColumn(NamedTuple):
-    """A column of Table 1."""
-
-    f_al_hz: float
-    f_m2_rps: float
-    f_m4_rps: float
 
 
 class ErrorColumn(NamedTuple):
@@ -50,6 +42,5 @@ class NotchColumn(NamedTuple):
     end_rps: float
 
 
-TABLE_1 = {2: ResonanceColumn(11.84, 5.92, 2.96), 3: ResonanceColumn(11.45, 5.72, 2.86)}
 TABLE_2 = {2: ErrorColumn(5.0, 222.0, 3.0, 126.0), 3: ErrorColumn(10.0, 262.0, 5.0, 306.0)}
 TABLE_3 = {2: NotchColumn(0.5, 0.028, 0.1, 2, 4.0, 9.0), 3: NotchColumn(0.7, 0.036, 0.1, 2, 4.0, 9.0)}

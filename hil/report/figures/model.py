@@ -7,11 +7,11 @@ from hil.control.arrays import Real
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.motions import CONSTANT_ACCELERATION
+from hil.experiments.plan import TABLE_1
 from hil.recording import Recording
 from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import Material
-from hil.report.paper import TABLE_1
 from hil.report.style import Drawing
 
 
@@ -106,7 +106,7 @@ def resonances(material: Material) -> Drawing | None:
         panel.semilogx(frequency, gain, **style.MEASURED)
         peak = material.f_al_hz[number]
         is_printed = material.bench.is_paper and number in TABLE_1
-        beside = f"\n(paper: {TABLE_1[number].f_al_hz:.2f} Hz)" if is_printed else ""
+        beside = f"\n(paper: {TABLE_1[number][0]:.2f} Hz)" if is_printed else ""
         style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + beside, height=0.3)
         panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
         panel.set(xlim=(1.0, 100.0), title=f"Axis {number}", xlabel="Frequency (Hz)")

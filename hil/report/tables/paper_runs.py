@@ -6,9 +6,10 @@ import re
 from markupsafe import Markup
 
 from hil.design.frequency import Margins
+from hil.experiments.plan import TABLE_1
 from hil.master.lateness import duration_text
 from hil.report.material import Material, run_name, treatment_name, worst_of
-from hil.report.paper import TABLE_1, TABLE_2, TABLE_3
+from hil.report.paper import TABLE_2, TABLE_3
 from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.results.acted import FilterSet
 from hil.results.runs import RunEntry
