@@ -37,7 +37,6 @@ class PassedCycle(NamedTuple):
     Attributes:
         until: Its end, in ns.
         ends: Ends of its frames and of the answers, in ns; empty if a node must act before, at the present time of the world.
-        answers: Records of the answers.
         senders: Port of each.
         sent: Frames that drives send now, each with its port.
     """

@@ -51,11 +51,7 @@ class WireUnit:
 
 
 class NodeUnits:
-    """Units of a node's numbers.
-
-    Attributes:
-        prefix: Name of the axis, or of the node without a bench file.
-    """
+    """Units of a node's numbers."""
 
     def __init__(self, node: Node, bench: Bench | None) -> None:
         """Look for the scales.

@@ -32,10 +32,6 @@ class Scales:
     """Scales of a drive.
 
     None if a scale is not known; the numbers are then shown as they are.
-
-    Attributes:
-        rev_per_count: Motor revolutions per unit of position.
-        rps_per_count: Motor revolutions per second per unit of speed.
     """
 
     rev_per_count: float | None = None

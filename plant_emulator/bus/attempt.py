@@ -81,7 +81,6 @@ class Attempt:
     """Attempt to send, from its first bit on.
 
     Attributes:
-        start: SOF.
         senders: Frames that start together; more than one where their identifiers are equal.
         winners: Those whose frame is delivered; none where an error frame ends it.
         failed: Those of the senders who count a transmit error.

@@ -87,7 +87,6 @@ class Axes:
         rows: `AXIS` array, shape (n_axes,): all that the compiled period works on. The others are views of its fields.
         notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES), and so is `notch_state`.
         processes: `PROCESS` array, shape (n_axes,): the drives' values as PDOs bring them.
-        tip: The tip that the axes move.
         shared: All that the compiled periods work on.
         arm: The arm whose links couple the axes; None if each turns an inertia of its own.
     """

@@ -39,7 +39,6 @@ class BlockDownload:
         has_crc: True if the end brings a checksum.
 
     Attributes:
-        block_size: Segments granted for each sub-block.
         is_complete: True if the last segment of the value is there.
         has_heard: True if a segment of this sub-block has come, be it the right one or not.
     """
