@@ -22,11 +22,6 @@ def treatment_words(row: ComparisonRow | AxisCompliance) -> str:
     return TITLES.get(name, name) + (", host-closed" if row.loop == "host" else "")
 
 
-def change(percent: float | None) -> str:
-    """A change in percent with its sign."""
-    return NONE if percent is None else number(percent, "{:+.0f} %")
-
-
 def overview(result: TreatmentTable, key: str = "overview", caption: str | Markup = "") -> ReportTable | None:
     """The tip's peak of every treatment in every experiment."""
     if not any(row.tip_peak_mm is not None for robot in result.robots for row in robot.rows):
@@ -55,7 +50,7 @@ def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | No
         [
             claim.claim,
             f"{'>' if claim.is_above else '≤'} {round(claim.asked, 4):g}",
-            NONE if claim.found is None else f"{claim.found:.4f}".replace("-", "−"),
+            number(claim.found, "{:.4f}"),
             claim.unit,
             Mark(claim.holds),
         ]
@@ -107,9 +102,9 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         ("closed in", lambda row: row[1].loop),
         ("tip peak (mm)", lambda row: number(row[1].tip_peak_mm, "{:.4f}")),
         ("on the whole ramp (mm)", lambda row: number(row[1].ramp_peak_mm, "{:.4f}")),
-        ("change", lambda row: change(row[1].tip_peak_change_pct)),
+        ("change", lambda row: number(row[1].tip_peak_change_pct, "{:+.0f} %")),
         ("spectrum area (m/s²·Hz)", lambda row: number(row[1].spectrum_area, "{:.3f}")),
-        ("change", lambda row: change(row[1].spectrum_area_change_pct)),
+        ("change", lambda row: number(row[1].spectrum_area_change_pct, "{:+.0f} %")),
         ("specification", lambda row: _within(row[1])),
         ("trial", lambda row: NONE if row[1].trial is None else Mark(TRIALS[row[1].trial], row[1].trial)),
         ("compliance at 1 Hz", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.slow:.2f}"),
