@@ -139,11 +139,3 @@ class TouchProbes:
                     source = self._dictionary.get_int(Object.TOUCH_PROBE_SOURCE, probe.number)
                     sources = SOURCES.get(source, _PROBE[probe.number])
             probe.set_function(function, sources)
-
-
-def _refuse_unknown(source: int) -> SdoAbortCode | None:
-    """Refuse an unknown source in 60D0h.
-
-    60D0h takes effect with the next 60B8h, so it is written first.
-    """
-    return None if source in SOURCES else SdoAbortCode.INVALID_VALUE
