@@ -18,7 +18,9 @@ from drive_profiles.cli.options import (
     take_bus,
 )
 from drive_profiles.cli.read import decoded
+from drive_profiles.errors import DriveProfileError, NoAnswerError, NodeError, ProfileNotFoundError, RefusedError
 from drive_profiles.standard import shown
+from drive_profiles.standard.cia301 import encode
 
 if TYPE_CHECKING:
     from drive_profiles.parameter_set.parameters import Difference
@@ -80,7 +82,6 @@ def diff(
 def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> "list[Difference]":
     """Return the differences between two sets in files, of any format."""
     from drive_profiles.cli.sets import catalogue_for
-    from drive_profiles.errors import ProfileNotFoundError
     from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
     from drive_profiles.parameter_set import formats
 
@@ -105,7 +106,6 @@ def _against_drive(path: Path, drive: DriveOptions) -> "list[Difference]":
     """Return the differences between a set and a drive, beyond limits too."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.errors import NodeError
     from drive_profiles.parameter_set.parameters import Difference
     from drive_profiles.upload.checks import foreign_device
 
@@ -130,10 +130,8 @@ def _against_defaults(drive: DriveOptions, eds_file: Path) -> "list[Difference]"
     """Return the differences between an EDS's defaults and a drive."""
     from drive_profiles import eds as front_end
     from drive_profiles.eds.export import entries
-    from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError
     from drive_profiles.parameter_set.commands import is_command
     from drive_profiles.parameter_set.parameters import Difference
-    from drive_profiles.standard.cia301 import encode
 
     delivered = {
         (variable.index, variable.subindex): variable.default

@@ -15,8 +15,10 @@ from typing import Any, ClassVar, Self
 
 import typer
 
+from drive_profiles.address import AddressError
 from drive_profiles.cli.entry import interrupted
 from drive_profiles.cli.tables import lines
+from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError
 from drive_profiles.upload.interrupt import InterruptWindow
 
 
@@ -86,9 +88,6 @@ def exit_on_error(*, writes: bool = False) -> Iterator[None]:
 
     From the first write of a command that `writes` on, `Interrupts` holds the signals.
     """
-    from drive_profiles.address import AddressError
-    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError
-
     try:
         yield
     except (AddressError, ProfileNotFoundError, UnknownProductError) as error:

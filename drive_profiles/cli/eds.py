@@ -10,10 +10,12 @@ import typer
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, print_json, table
 from drive_profiles.cli.options import JsonOption
+from drive_profiles.errors import FileError, Problem
+from drive_profiles.standard import shown
+from drive_profiles.standard.cia301 import DataType
 
 if TYPE_CHECKING:
     from drive_profiles.eds import Description
-    from drive_profiles.errors import Problem
 
 EDS_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE),
@@ -107,7 +109,6 @@ def convert(
     Example: drive-profiles eds convert drive.xdd --out drive.eds
     """
     from drive_profiles.eds.export import as_data, as_text, lost
-    from drive_profiles.errors import FileError
     from drive_profiles.files.safefile import write_atomically
 
     suffix = out.suffix.lower().removeprefix(".")
@@ -138,7 +139,6 @@ def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str
     """Return the findings in one file, as data and as text."""
     from drive_profiles.eds import load
     from drive_profiles.eds.export import findings_data, summary
-    from drive_profiles.errors import FileError
 
     try:
         description = load(path, node_id=node_id, strict=strict)
@@ -178,7 +178,6 @@ def _load(path: Path, node_id: int | None) -> "Description":
 def _read_again(data: bytes, out: Path, node_id: int | None) -> "tuple[Problem, ...]":
     """Return the problems of a file just made: faults of the device."""
     from drive_profiles.eds import loads
-    from drive_profiles.errors import FileError
 
     try:
         return loads(data, out, node_id=node_id).warnings
@@ -219,9 +218,6 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
 
 def _value(row: dict[str, Any], held: float | str | None) -> str:
     """Format the number of an object; text stays as it is."""
-    from drive_profiles.standard import shown
-    from drive_profiles.standard.cia301 import DataType
-
     if held is None:
         return ""
     data_type = DataType.__members__.get(row["type"])

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from drive_profiles.address import AddressError, parse_bit_rate
 from drive_profiles.cli.application import Tool, command
 from drive_profiles.cli.console import CLEAR_EPILOG, READ_EPILOG, ExitStatus, confirm, exit_on_error, fail, print_json, table
 from drive_profiles.cli.options import BusOption, JsonOption, NodesOption, OptionalNodeOption, TimeoutOption
+from drive_profiles.standard.cia301 import NmtCommand, NmtState
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
@@ -138,7 +140,6 @@ def nmt(
         drive-profiles nmt reset-communication --bus socketcan:can0 --all
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.standard.cia301 import NmtCommand
     from drive_profiles.standard.cia402 import State
 
     if (node is None) != all_nodes:
@@ -183,8 +184,6 @@ def _wait_for_boot(bus: "SdoBus", before: dict[int, int]) -> None:
 
 def _seen(bus: "SdoBus", node: int) -> str:
     """Return the state of a node by its last heartbeat, in words."""
-    from drive_profiles.standard.cia301 import NmtState
-
     state = bus.nmt_state(node)
     if state is None:
         return "sent; the state is not known, because the node sends no heartbeat (1017h)"
@@ -269,8 +268,6 @@ def bit_rate(
 
     Example: drive-profiles lss bit-rate 500k --identity 0x1,0x2,0x3,4 --bus socketcan:can0
     """
-    from drive_profiles.address import AddressError, parse_bit_rate
-
     try:
         rate = parse_bit_rate(new)
     except AddressError as error:

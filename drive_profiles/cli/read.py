@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.address import parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
@@ -24,12 +25,12 @@ from drive_profiles.cli.options import (
     TimeoutOption,
     class_names,
 )
+from drive_profiles.errors import BusError, DriveProfileError, SdoAbortedError
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device, DeviceIdentity
-    from drive_profiles.errors import DriveProfileError
     from drive_profiles.family.catalogue import CatalogueEntry
     from drive_profiles.standard.units import Scaling
 
@@ -112,7 +113,6 @@ def info(drive: DriveOptions) -> None:
     """
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.target import any_device_at, matching
-    from drive_profiles.errors import SdoAbortedError
 
     with exit_on_error(), SdoBus(drive.bus, drive.timeout_s) as opened:
         device = any_device_at(opened, drive.node, drive.profile, drive.eds)
@@ -159,7 +159,6 @@ def pull(
 
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
     """
-    from drive_profiles.address import parse_address
     from drive_profiles.device.target import doubt_of_profile
 
     wanted = class_names(classes)
@@ -241,7 +240,6 @@ def _kept(bus: "SdoBus", node: int, out: Path, classes: tuple[str, ...]) -> dict
     """Back up one node; gives its entry of the index."""
     from drive_profiles.device.device import identity_at
     from drive_profiles.device.target import device_at
-    from drive_profiles.errors import BusError, DriveProfileError
 
     entry: dict[str, Any] = {
         "node": node,
@@ -311,8 +309,6 @@ def _got(
     device: "Device", entries: "list[CatalogueEntry]"
 ) -> "tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]":
     """Read objects; return those read, with bytes and value, and the failures."""
-    from drive_profiles.errors import BusError, DriveProfileError
-
     values: list[tuple[CatalogueEntry, bytes, float | str]] = []
     failures: list[tuple[CatalogueEntry, DriveProfileError]] = []
     for entry in entries:

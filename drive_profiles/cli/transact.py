@@ -9,13 +9,14 @@ import typer
 
 from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_json, progress, table
 from drive_profiles.cli.options import BusOptions
+from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 from drive_profiles.standard import shown
+from drive_profiles.standard.cia301 import DataType
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device
     from drive_profiles.parameter_set.parameters import ParameterSet, Write
-    from drive_profiles.standard.cia301 import DataType
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
@@ -45,7 +46,6 @@ def transact(request: TransactionRequest, pairs: "Sequence[tuple[int, ParameterS
         typer.Exit: Not every drive holds its set.
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.errors import RefusedError
     from drive_profiles.parameter_set.parameters import CLASSES
     from drive_profiles.upload import fleet
 
@@ -126,8 +126,6 @@ def _show_changes(uploads: "Sequence[Upload]", request: TransactionRequest) -> N
 
 def _in_unit(device: "Device", write: "Write", held: bytes) -> "tuple[float | str, float | str, str, DataType | None]":
     """Return value now, new value, unit and type of a write."""
-    from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
-
     known = device.catalogue.get(write.address)
     for entry in (known, write.entry) if known is not None and known.data_type is write.entry.data_type else (write.entry,):
         try:

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from drive_profiles.address import LOCAL, AddressError, choose_bus, parse_address
 from drive_profiles.cli.console import ToolExitStatus, epilog
 from drive_profiles.cli.entry import interrupted
+from drive_profiles.errors import DriveProfileError
+from hil.errors import HilError, not_restored_words
 from hil.reporter import Reporter
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -62,12 +65,9 @@ def say(message: str) -> None:
 
 def exit_status_of(error: Exception) -> int:
     """Return the exit status of an error; `ExitStatus.INTERNAL` for an unexpected one."""
-    from drive_profiles.address import AddressError
-    from drive_profiles.errors import DriveProfileError
     from hil.arm.straight_line import LineError
     from hil.can.errors import BusLostError, ChannelError
     from hil.control.trajectory import UnreachableError
-    from hil.errors import HilError
 
     if isinstance(error, HilError | DriveProfileError):
         return error.exit_code
@@ -124,8 +124,6 @@ def exit_on_error(*, moves: bool = True) -> Iterator[None]:
 
 def say_not_restored(objects: Iterable[str]) -> None:
     """Print the objects that could not be restored in the nodes."""
-    from hil.errors import not_restored_words
-
     for name in objects:
         say(not_restored_words(name))
 
@@ -202,7 +200,6 @@ def bench_on(bench_file: str, bus: str | None) -> "Bench":
         AddressError: The address cannot be read.
         FileError: The bench file cannot be used.
     """
-    from drive_profiles.address import choose_bus
     from hil.bench.bench import load_bench
 
     bench = load_bench(bench_file)
@@ -213,8 +210,6 @@ def bench_on(bench_file: str, bus: str | None) -> "Bench":
 
 def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
     """Return a bench on the bus of a command's emulator; print it."""
-    from drive_profiles.address import choose_bus
-
     say(str(choose_bus(address, option_name="the emulator that this command has started")))
     return bench.on(address)
 
@@ -224,8 +219,6 @@ def is_on_local_bus(bench: "Bench") -> bool:
 
     On any other bus, each node's hardware version (1009h) shows whether it is emulated.
     """
-    from drive_profiles.address import LOCAL, parse_address
-
     return parse_address(bench.bus.address).interface == LOCAL
 
 
@@ -327,7 +320,6 @@ def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None
     """
     if yes or is_on_local_bus(bench):
         return
-    from drive_profiles.address import parse_address
     from hil.can.opening import open_channel
 
     open_channel(parse_address(bench.bus.address)).close()

@@ -19,6 +19,7 @@ from hil.cli.console import (
     say,
 )
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
+from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -154,7 +155,6 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
     Raises:
         NotPossibleError: The file exists, or the drive has no room for the filter.
     """
-    from hil.errors import NotPossibleError
     from hil.experiments.notch_design import check_drive
 
     if path is None or axis not in bench.axis:
@@ -167,7 +167,6 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
 def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, design_file: Path | None, *, as_json: bool) -> None:
     """Write the files, print the summary, and leave with the exit status."""
     from hil.bench.design import notch_table, snippet, update_designs
-    from hil.errors import NotPossibleError
     from hil.experiments.notch_design import designed_axis, parameter_set, result_of
     from hil.report.pages.design import write_design_report
 

@@ -10,6 +10,8 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, finite, print_json, table
 from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
 from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
+from hil.control.treatments import treatment as row_of
+from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -50,8 +52,6 @@ def plan(
     with exit_on_error(moves=False):
         bench = bench_on(bench_file, bus)
 
-        from hil.control.treatments import treatment as row_of
-        from hil.errors import NotPossibleError
         from hil.plan.advice import Adviser
         from hil.plan.check import check
 

@@ -9,6 +9,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say, say_left_out
 from hil.counting import counted
+from hil.errors import HilError
 
 REPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.INTERRUPTED),
@@ -67,7 +68,6 @@ def report(
 
 
 def _write(directory: Path, old_directory: Path | None, *, is_interactive: bool) -> None:
-    from hil.errors import HilError
     from hil.report.against.page import write_against
     from hil.report.interactive.parts import check_interactive
     from hil.report.writer import write_report_of

@@ -12,6 +12,7 @@ from drive_profiles.cli.console import fail, table
 from hil.cli import console, options
 from hil.cli.console import ExitStatus, say
 from hil.cli.live import LiveCommand, LiveOption, shown_live
+from hil.counting import times
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -155,7 +156,6 @@ def _status(outcome: "ExperimentsOutcome") -> int:
 
 def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     """Print the runs, the comparisons and the claims."""
-    from hil.counting import times
     from hil.master.lateness import timing_lines
 
     bench = outcome.result.bench.file

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.address import BUS_VARIABLE, LOCAL, Address, AddressError, BusChoice, choose_bus, parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
+from drive_profiles.errors import FileError
 from plant_emulator.cli.console import (
     AXES,
     EmulatorExitStatus,
@@ -25,7 +26,6 @@ from plant_emulator.cli.console import (
 )
 
 if TYPE_CHECKING:  # --help must not wait for them
-    from drive_profiles.address import Address
     from plant_emulator.bus.attach import Attachment
     from plant_emulator.bus.server import Server
     from plant_emulator.robots.robot import Robot
@@ -236,7 +236,6 @@ def _run(server: "Server | Attachment") -> None:
 
 
 def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
-    from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address
     from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint
 
     try:
@@ -260,8 +259,6 @@ def _server(
     world: "World", address: "Address", *, wall: bool, host_latency_s: float, faults_file: Path | None, stream: bool
 ) -> "Server | Attachment":
     """Return the local bus around a world, or its attachment."""
-    from drive_profiles.address import LOCAL
-    from drive_profiles.errors import FileError
     from drive_profiles.files.toml import load
     from hil.can.errors import BusUnavailableError
     from hil.can.opening import open_channel

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.address import BUS_VARIABLE, choose_bus, parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
@@ -97,7 +97,6 @@ def _show_bus(
     bench_file: str | None, bus: str | None, descriptions: list[str], ask: str, port: int, *, until_stdin_closes: bool
 ) -> None:
     """Listen to a bus, and show it."""
-    from drive_profiles.address import choose_bus, parse_address
     from hil.bench.bench import load_bench
     from hil.can.listening import open_listener
     from hil.cli.heard.explain import description_from

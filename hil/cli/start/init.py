@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.address import choose_bus
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
@@ -50,8 +51,6 @@ def init(
     """
     named = _named(profile or [])
     with exit_on_error(moves=False):
-        from drive_profiles.address import choose_bus
-
         choice = choose_bus(bus)
         if choice is None:
             raise fail("no bus is given; give --bus, or set HIL_BUS", ExitStatus.USAGE)
