@@ -2,6 +2,7 @@
 
 import math
 import re
+from operator import attrgetter
 
 from markupsafe import Markup
 
@@ -13,6 +14,8 @@ from hil.report.paper import TABLE_2, TABLE_3
 from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.results.acted import FilterSet
 from hil.results.runs import RunEntry
+
+_in_table_3 = attrgetter("offset_hz", "zeta_rn", "zeta_rdth", "order", "start_rps", "end_rps")
 
 
 def claims(material: Material) -> ReportTable:
@@ -74,6 +77,7 @@ def transmission_errors(material: Material) -> ReportTable:
         for order in sorted(known):
             for column in range(2):
                 name, unit = ("A", "arcsec") if column == 0 else ("φ", "°")
+                printed = None if paper is None else (paper.amplitude_arcsec, paper.phase_deg)[column].get(order)
                 identified = NONE
                 if estimate is not None and order in estimate.error.amplitude_arcsec:
                     value = (estimate.error.amplitude_arcsec, estimate.error.phase_deg)[column][order]
@@ -84,7 +88,7 @@ def transmission_errors(material: Material) -> ReportTable:
                         f"axis {axis}",
                         Markup("{}<sub>{:g}</sub>").format(name, order),
                         unit,
-                        *([number(None if paper is None else paper.of(order)[column], "{:g}")] if is_paper else []),
+                        *([number(printed, "{:g}")] if is_paper else []),
                         number((stated.amplitude_arcsec, stated.phase_deg)[column].get(order), "{:g}"),
                         identified,
                     ]
@@ -107,8 +111,8 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
         paper = TABLE_3.get(axis) if is_paper else None
         worst = worst_of(material.margins(axis, filters).values()) if axis in material.model_axes else None
         for notch in tables:
-            own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
-            cells = [_both(paper[i] if paper is not None and notch.order == paper.order else None, own[i]) for i in range(6)]
+            printed = (None,) * 6 if paper is None or notch.order != paper.order else _in_table_3(paper)
+            cells = [_both(*pair) for pair in zip(printed, _in_table_3(notch), strict=True)]
             rows.append([f"axis {axis}", *cells, *_margin_cells(worst)])
     header = (
         "",
