@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drive_profiles.standard.cia301 import FunctionCode
+from drive_profiles.standard.cia305 import UNCONFIGURED
 from hil.can.frame import RECORD, Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.drive import Drive
@@ -17,7 +18,6 @@ from plant_emulator.image.image import Node, ProcessImage
 from plant_emulator.motion.axes import Axes, live, tip_sensor
 from plant_emulator.robots.robot import Robot
 from plant_emulator.sensor.accelerometer import AccelerometerNode
-from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave
 
 SECOND = 1_000_000_000

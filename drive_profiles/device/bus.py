@@ -13,11 +13,10 @@ from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address, witho
 from drive_profiles.device.sdo import ForeignRequests, SdoPort
 from drive_profiles.errors import BusError
 from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
+from drive_profiles.standard.cia305 import LSS_RESPONSE
 
 _INTERFACES = {LOCAL: PYTHON_CAN_LOCAL}
 """Interfaces that python-can knows by another name than ours."""
-LSS_RESPONSE = 0x7E4
-"""Identifier by which LSS slaves answer (CiA 305)."""
 _FILTERS = [
     {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},
     {"can_id": FunctionCode.SDO_REQUEST, "can_mask": 0x780, "extended": False},  # those of other clients

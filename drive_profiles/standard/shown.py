@@ -23,7 +23,7 @@ _BITS: frozenset[tuple[int, int]] = frozenset(
 """Objects that hold bits, codes or identifiers. Source: CiA 301, 7.5.2; CiA 402-2."""
 _BITS_FROM_SUBINDEX_1 = (range(0x1003, 0x1004), range(0x1010, 0x1012), range(0x1016, 0x1017), range(0x1028, 0x1029))
 _COB_IDS = ((range(0x1200, 0x1300), (1, 2)), (range(0x1400, 0x1600), (1,)), (range(0x1800, 0x1A00), (1,)))
-_MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 
 
 def is_hexadecimal(address: "ObjectAddress") -> bool:
@@ -33,7 +33,7 @@ def is_hexadecimal(address: "ObjectAddress") -> bool:
         return True
     if any(index in block and subindex in subindices for block, subindices in _COB_IDS):
         return True
-    return subindex > 0 and any(index in block for block in (*_BITS_FROM_SUBINDEX_1, *_MAPPINGS))
+    return subindex > 0 and any(index in block for block in (*_BITS_FROM_SUBINDEX_1, *MAPPINGS))
 
 
 def unit(text: str) -> str:

@@ -4,14 +4,8 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 
 from drive_profiles.standard.cia301 import MAX_NODE_ID
-from drive_profiles.standard.cia305 import BIT_TIMINGS
+from drive_profiles.standard.cia305 import BIT_TIMINGS, UNCONFIGURED
 from plant_emulator.slave.dictionary import Dictionary
-
-REQUEST_ID, RESPONSE_ID = 0x7E5, 0x7E4
-"""CAN-IDs of the LSS master's requests and of the slaves' answers (CiA 305, 3.3)."""
-
-UNCONFIGURED = 0xFF
-"""Instead of a node-ID: the node has none, and answers LSS only."""
 
 _LENGTH = 8
 _IDENTITY = 0x1018

@@ -12,11 +12,12 @@ from drive_profiles.standard.cia301 import (
     NmtCommand,
     NmtState,
 )
+from drive_profiles.standard.cia305 import LSS_REQUEST, LSS_RESPONSE, UNCONFIGURED
 from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind
 from plant_emulator.slave.emergency import EmergencyProducer
 from plant_emulator.slave.error_control import MASTER, ErrorControl
-from plant_emulator.slave.lss import REQUEST_ID, RESPONSE_ID, UNCONFIGURED, LssSlave
+from plant_emulator.slave.lss import LssSlave
 from plant_emulator.slave.nmt import (
     ERROR_BEHAVIOUR,
     RESETS,
@@ -325,7 +326,7 @@ class Slave:
     def _on_lss(self, data: bytes, _now: int) -> None:
         answer = self.lss.receive(data)
         if answer is not None:
-            self._out.append(Frame(RESPONSE_ID, answer))
+            self._out.append(Frame(LSS_RESPONSE, answer))
 
     def _start_configured(self) -> None:
         self._reset(ResetKind.COMMUNICATION)
@@ -398,7 +399,7 @@ class Slave:
         self._event_driven = self._pdo.event_driven
         routes: dict[int, Callable[[bytes, int], None]] = {}
         if NmtService.LSS in services and (self._state is not NmtState.INITIALISING or self.node_id == UNCONFIGURED):
-            routes[REQUEST_ID] = self._on_lss
+            routes[LSS_REQUEST] = self._on_lss
         if self._state is not NmtState.INITIALISING:
             routes |= self._pdo.listeners
             if NmtService.SDO in services:
