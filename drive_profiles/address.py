@@ -135,7 +135,6 @@ class BusChoice:
     """The bus of a command, and the origin of its address.
 
     Attributes:
-        address: Address of the bus, as it was written.
         origin: Place that names it: an option, the environment, a file.
         passed_over: Places that name another bus, with what they name.
     """

@@ -1,7 +1,5 @@
 """Errors of this package."""
 
-from __future__ import annotations
-
 import difflib
 import math
 from pathlib import Path

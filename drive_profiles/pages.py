@@ -1,7 +1,5 @@
 """The pages of ``docs/drives``, made from the profiles alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from drive_profiles.errors import NotRealisableError
@@ -114,7 +112,8 @@ _RUN_COLUMNS = ("mode", "moved", "plant identified", "error identified", "notch 
 
 def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
     """Yield the table of runs with each family's emulated drive."""
-    made = _made_with(profiles)
+    runs = family_runs()
+    made = [(profile, runs[profile.name]) for profile in sorted(profiles, key=lambda each: each.name) if profile.name in runs]
     if not made:
         return
     yield "## Runs"
@@ -132,25 +131,6 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
     if refused:
         yield "Refused:"
         yield "\n".join(f"- {name}: {words}." for name, words in refused)
-
-
-def brief_runs(profiles: Sequence[Profile]) -> str:
-    """Return the short table of runs.
-
-    Two tip values in a row mean that a run moved and identified the family, and that cancellation was on for the second
-    value.
-    """
-    rows = []
-    for profile, run in _made_with(profiles):
-        _, mode, _, plant, _, notch, tip, *_ = _run_row(profile, run)
-        rows.append((f"`{profile.name}`", mode, plant, notch, tip, str(len(run.held_by_master) or "none")))
-    return _table(("family", "mode", "plant identified", "notch in drive", "tip, mm", "limits held by the master alone"), rows)
-
-
-def _made_with(profiles: Sequence[Profile]) -> list[tuple[Profile, FamilyRun]]:
-    """Return the profiles, by name, with which a run has been made."""
-    made = family_runs()
-    return [(profile, made[profile.name]) for profile in sorted(profiles, key=lambda each: each.name) if profile.name in made]
 
 
 def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
@@ -348,16 +328,12 @@ def _differences(first: Profile, product: Product, member: Profile, sources: _So
     if changed:
         yield _table(_COLUMNS, changed)
     defaults = {name: member.parameters[name].default for name in product.parameters}
-    others = [f"`{name}` {value}" for name, value in defaults.items() if _has_other_default(first, name, value)]
+    held = {name: known.default for name, known in first.parameters.items()}
+    others = [f"`{name}` {value}" for name, value in defaults.items() if value is not None and value != held.get(name)]
     if others:
         yield f"Different factory settings, as raw values: {', '.join(others)}."
     if not (product.quirks or product.absent or product.capabilities or product.facts or changed):
         yield "No other difference is known."
-
-
-def _has_other_default(first: Profile, name: str, value: object) -> bool:
-    known = first.parameters.get(name)
-    return value is not None and (known is None or known.default != value)
 
 
 def _text(name: str, value: object) -> str:

@@ -1,7 +1,5 @@
 """Version and commit of this project, for `--version` and the reports."""
 
-from __future__ import annotations
-
 import subprocess
 from importlib import metadata
 from pathlib import Path

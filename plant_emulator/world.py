@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drive_profiles.standard.cia301 import FunctionCode
+from drive_profiles.standard.cia305 import UNCONFIGURED
 from hil.can.frame import RECORD, Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.drive import Drive
@@ -17,7 +18,6 @@ from plant_emulator.image.image import Node, ProcessImage
 from plant_emulator.motion.axes import Axes, live, tip_sensor
 from plant_emulator.robots.robot import Robot
 from plant_emulator.sensor.accelerometer import AccelerometerNode
-from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave
 
 SECOND = 1_000_000_000
@@ -37,7 +37,6 @@ class PassedCycle(NamedTuple):
     Attributes:
         until: Its end, in ns.
         ends: Ends of its frames and of the answers, in ns; empty if a node must act before, at the present time of the world.
-        answers: Records of the answers.
         senders: Port of each.
         sent: Frames that drives send now, each with its port.
     """
@@ -63,8 +62,6 @@ class World:
     A node whose controller is bus-off neither receives nor sends until it has recovered or been power-cycled.
 
     Attributes:
-        axes: The mechanics.
-        accelerometer: The node at the tip.
         course: The core's record for cycles that need no Python.
         on_power_cycle: Called with the port of a node that gets its supply back.
     """

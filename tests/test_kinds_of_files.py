@@ -6,8 +6,7 @@ import pytest
 
 from drive_profiles.cli import main as profiles
 from drive_profiles.errors import FileError
-from drive_profiles.files.kinds import KINDS
-from drive_profiles.files.toml import load
+from drive_profiles.files.toml import KINDS, load
 from hil.cli import main as bench
 from plant_emulator.cli import main as emulator
 

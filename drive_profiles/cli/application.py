@@ -1,7 +1,5 @@
 """The common look of the three tools."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools
@@ -277,7 +275,7 @@ def _leave(status: int) -> NoReturn:
 
 def _print_version(value: bool) -> None:
     if value:
-        from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415 - only here
+        from drive_profiles.version import DISTRIBUTION, version_text  # only here
 
         typer.echo(f"{DISTRIBUTION} {version_text()}")
         raise typer.Exit

@@ -1,9 +1,5 @@
 """Commands of ``drive-profiles`` that compare parameter sets."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +18,9 @@ from drive_profiles.cli.options import (
     take_bus,
 )
 from drive_profiles.cli.read import decoded
+from drive_profiles.errors import DriveProfileError, NoAnswerError, NodeError, ProfileNotFoundError, RefusedError
 from drive_profiles.standard import shown
+from drive_profiles.standard.cia301 import encode
 
 if TYPE_CHECKING:
     from drive_profiles.parameter_set.parameters import Difference
@@ -81,10 +79,9 @@ def diff(
     _show(differences, str(left or eds), str(right or f"node {node}"), as_json=as_json)
 
 
-def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> list[Difference]:
+def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> "list[Difference]":
     """Return the differences between two sets in files, of any format."""
     from drive_profiles.cli.sets import catalogue_for
-    from drive_profiles.errors import ProfileNotFoundError
     from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
     from drive_profiles.parameter_set import formats
 
@@ -99,17 +96,16 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
     known = max(catalogues, key=lambda each: (each.profile is not None, len(each)))
     first, second = (formats.read(path, known, node, flagged=True) for path in (left, right))
 
-    def scaling_of(entry: CatalogueEntry) -> Scaling | None:
+    def scaling_of(entry: CatalogueEntry) -> "Scaling | None":
         return first.header.scaling_of(entry) or second.header.scaling_of(entry)
 
     return first.differences(second, known, scaling_of)
 
 
-def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
+def _against_drive(path: Path, drive: DriveOptions) -> "list[Difference]":
     """Return the differences between a set and a drive, beyond limits too."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.errors import NodeError
     from drive_profiles.parameter_set.parameters import Difference
     from drive_profiles.upload.checks import foreign_device
 
@@ -130,14 +126,12 @@ def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
     return differences
 
 
-def _against_defaults(drive: DriveOptions, eds_file: Path) -> list[Difference]:
+def _against_defaults(drive: DriveOptions, eds_file: Path) -> "list[Difference]":
     """Return the differences between an EDS's defaults and a drive."""
     from drive_profiles import eds as front_end
     from drive_profiles.eds.export import entries
-    from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError
     from drive_profiles.parameter_set.commands import is_command
     from drive_profiles.parameter_set.parameters import Difference
-    from drive_profiles.standard.cia301 import encode
 
     delivered = {
         (variable.index, variable.subindex): variable.default
@@ -167,7 +161,7 @@ def _against_defaults(drive: DriveOptions, eds_file: Path) -> list[Difference]:
     return differences
 
 
-def _show(differences: list[Difference], left: str, right: str, *, as_json: bool) -> None:
+def _show(differences: "list[Difference]", left: str, right: str, *, as_json: bool) -> None:
     if as_json:
         print_json([difference._asdict() for difference in differences])
     elif differences:
@@ -178,7 +172,7 @@ def _show(differences: list[Difference], left: str, right: str, *, as_json: bool
         raise typer.Exit(ExitStatus.DIFFERS)
 
 
-def _values(difference: Difference) -> tuple[str, str]:
+def _values(difference: "Difference") -> tuple[str, str]:
     """Format both values so that they differ visibly."""
     from drive_profiles.family.catalogue import address_from
 

@@ -6,8 +6,6 @@ A completer reads small files only, loads neither pydantic nor numpy, talks to n
 Where no name fits, nothing is offered, and the shell goes on with file names.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Console of the commands of ``drive-profiles``."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -17,8 +15,10 @@ from typing import Any, ClassVar, Self
 
 import typer
 
+from drive_profiles.address import AddressError
 from drive_profiles.cli.entry import interrupted
 from drive_profiles.cli.tables import lines
+from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError
 from drive_profiles.upload.interrupt import InterruptWindow
 
 
@@ -88,9 +88,6 @@ def exit_on_error(*, writes: bool = False) -> Iterator[None]:
 
     From the first write of a command that `writes` on, `Interrupts` holds the signals.
     """
-    from drive_profiles.address import AddressError  # noqa: PLC0415
-    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
-
     try:
         yield
     except (AddressError, ProfileNotFoundError, UnknownProductError) as error:
@@ -156,8 +153,8 @@ def progress(label: str, total: int) -> Iterator[Callable[..., None]]:
 
         yield tell
         return
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=RATE_OVER_S) as bar:

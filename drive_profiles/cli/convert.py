@@ -1,9 +1,5 @@
 """``drive-profiles convert``: parameter sets to and from the formats of other tools."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the command, so that --help and completion stay quick
-
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +8,7 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import FILE_EPILOG, exit_on_error
 from drive_profiles.cli.options import EdsOption, ProfileOption
+from drive_profiles.errors import RefusedError
 
 if TYPE_CHECKING:
     from drive_profiles.family.catalogue import Catalogue
@@ -71,14 +68,12 @@ def convert(
     typer.echo(f"{count} values in {out}")
 
 
-def _scaling(wanted: ParameterSet, catalogue: Catalogue) -> Scaling:
+def _scaling(wanted: "ParameterSet", catalogue: "Catalogue") -> "Scaling":
     """Return the scaling of the drive, from the set's header.
 
     Raises:
         RefusedError: The header does not state what the set needs; the message names the options that do.
     """
-    from drive_profiles.errors import RefusedError
-
     named = {key for _, key, item in wanted.items() if item.type is None}
     options = {"counts": "--counts-per-rev", "per mille": "--rated-torque-nm"}
     missing = {e.scale for e in catalogue if e.scale and e.name in named and wanted.header.scaling_of(e) is None}

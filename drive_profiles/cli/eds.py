@@ -1,9 +1,5 @@
 """``drive-profiles eds``: show, check and clean a device description."""
 
-# ruff: noqa: PLC0415 - canopen and rich are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -14,10 +10,12 @@ import typer
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, print_json, table
 from drive_profiles.cli.options import JsonOption
+from drive_profiles.errors import FileError, Problem
+from drive_profiles.standard import shown
+from drive_profiles.standard.cia301 import DataType
 
 if TYPE_CHECKING:
     from drive_profiles.eds import Description
-    from drive_profiles.errors import Problem
 
 EDS_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE),
@@ -91,7 +89,8 @@ def show(
             ("object", "name", "type", "access", "default", "limits", "mappable", "value"),
             [_row(row) for row in rows],
         )
-    _point_to_check(description)
+    if count := len(description.problems):  # on standard error: standard output stays clean
+        typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 
 
 @app.command(epilog=EDS_EPILOG)
@@ -110,7 +109,6 @@ def convert(
     Example: drive-profiles eds convert drive.xdd --out drive.eds
     """
     from drive_profiles.eds.export import as_data, as_text, lost
-    from drive_profiles.errors import FileError
     from drive_profiles.files.safefile import write_atomically
 
     suffix = out.suffix.lower().removeprefix(".")
@@ -141,7 +139,6 @@ def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str
     """Return the findings in one file, as data and as text."""
     from drive_profiles.eds import load
     from drive_profiles.eds.export import findings_data, summary
-    from drive_profiles.errors import FileError
 
     try:
         description = load(path, node_id=node_id, strict=strict)
@@ -170,7 +167,7 @@ def _count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def _load(path: Path, node_id: int | None) -> Description:
+def _load(path: Path, node_id: int | None) -> "Description":
     """Load a description, or exit with the reasons for its refusal."""
     from drive_profiles.eds import load
 
@@ -178,22 +175,15 @@ def _load(path: Path, node_id: int | None) -> Description:
         return load(path, node_id=node_id)
 
 
-def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
+def _read_again(data: bytes, out: Path, node_id: int | None) -> "tuple[Problem, ...]":
     """Return the problems of a file just made: faults of the device."""
     from drive_profiles.eds import loads
-    from drive_profiles.errors import FileError
 
     try:
         return loads(data, out, node_id=node_id).warnings
     except FileError as error:
         typer.echo(f"{error}\nnot written: the result cannot be read again", err=True)
         raise typer.Exit(ExitStatus.FILE) from None
-
-
-def _point_to_check(description: Description) -> None:
-    """Point on standard error to the problems; standard output stays clean."""
-    if count := len(description.problems):
-        typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 
 
 def _is_wanted(row: dict[str, Any], wanted: str) -> bool:
@@ -228,9 +218,6 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
 
 def _value(row: dict[str, Any], held: float | str | None) -> str:
     """Format the number of an object; text stays as it is."""
-    from drive_profiles.standard import shown
-    from drive_profiles.standard.cia301 import DataType
-
     if held is None:
         return ""
     data_type = DataType.__members__.get(row["type"])

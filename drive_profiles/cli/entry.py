@@ -3,8 +3,6 @@
 Their modules take some tenths of a second to load; a signal ends the process then as it does later.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import itertools

@@ -1,7 +1,5 @@
 """``drive-profiles``: drive families as data, and parameters of drives."""
 
-from __future__ import annotations
-
 from drive_profiles.cli import compare, convert, eds, nodes, profiles, read, realise, watch, write
 from drive_profiles.cli.application import Tool, mount
 from drive_profiles.cli.console import EPILOG

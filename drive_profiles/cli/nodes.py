@@ -1,9 +1,5 @@
 """Commands on nodes: their faults, network management (CiA 301), and LSS (CiA 305)."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from drive_profiles.address import AddressError, parse_bit_rate
 from drive_profiles.cli.application import Tool, command
 from drive_profiles.cli.console import CLEAR_EPILOG, READ_EPILOG, ExitStatus, confirm, exit_on_error, fail, print_json, table
 from drive_profiles.cli.options import BusOption, JsonOption, NodesOption, OptionalNodeOption, TimeoutOption
+from drive_profiles.standard.cia301 import NmtCommand, NmtState
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
@@ -66,7 +64,7 @@ def faults(
         raise fail("\n".join(refused), ExitStatus.NODE)
 
 
-def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
+def devices_at(bus: "SdoBus", nodes: list[int] | None) -> "list[Device]":
     """Return the devices at these nodes, or at all that answer.
 
     Raises:
@@ -82,7 +80,7 @@ def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
     return [any_device_at(bus, node) for node in there]
 
 
-def _show(reports: list[FaultReport], *, as_json: bool, err: bool = False) -> None:
+def _show(reports: "list[FaultReport]", *, as_json: bool, err: bool = False) -> None:
     """Print reports as a table or as JSON."""
     if as_json:
         print_json([
@@ -142,7 +140,6 @@ def nmt(
         drive-profiles nmt reset-communication --bus socketcan:can0 --all
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.standard.cia301 import NmtCommand
     from drive_profiles.standard.cia402 import State
 
     if (node is None) != all_nodes:
@@ -174,7 +171,7 @@ def nmt(
             raise fail(f"node {node} does not answer", ExitStatus.NODE)
 
 
-def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
+def _wait_for_boot(bus: "SdoBus", before: dict[int, int]) -> None:
     """Wait until every node has sent its boot-up message."""
     deadline = time.monotonic() + BOOT_S
     while missing := [node for node, boots in before.items() if bus.boots(node) <= boots]:
@@ -185,10 +182,8 @@ def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
         time.sleep(0.02)
 
 
-def _seen(bus: SdoBus, node: int) -> str:
+def _seen(bus: "SdoBus", node: int) -> str:
     """Return the state of a node by its last heartbeat, in words."""
-    from drive_profiles.standard.cia301 import NmtState
-
     state = bus.nmt_state(node)
     if state is None:
         return "sent; the state is not known, because the node sends no heartbeat (1017h)"
@@ -252,7 +247,7 @@ def node_id(
     Example: drive-profiles lss node-id 5 --unconfigured --store --bus socketcan:can0
     """
 
-    def change(lss: Lss, address: LssAddress) -> None:
+    def change(lss: "Lss", address: "LssAddress") -> None:
         confirm(f"give {address} the node-ID {new}{' and store it' if one.store else ''}?", yes=one.yes)
         lss.configure_node_id(new)
         if one.store:
@@ -273,14 +268,12 @@ def bit_rate(
 
     Example: drive-profiles lss bit-rate 500k --identity 0x1,0x2,0x3,4 --bus socketcan:can0
     """
-    from drive_profiles.address import AddressError, parse_bit_rate
-
     try:
         rate = parse_bit_rate(new)
     except AddressError as error:
         raise fail(str(error), ExitStatus.USAGE) from None
 
-    def change(lss: Lss, address: LssAddress) -> None:
+    def change(lss: "Lss", address: "LssAddress") -> None:
         confirm(
             f"give {address} {rate} bit/s and store it? At another rate than its bus, the node cannot be reached.", yes=one.yes
         )
@@ -291,7 +284,7 @@ def bit_rate(
     _with_one(one, change)
 
 
-def _with_one(one: OneNode, change: Callable[[Lss, LssAddress], None], taken: int | None = None) -> None:
+def _with_one(one: OneNode, change: "Callable[[Lss, LssAddress], None]", taken: int | None = None) -> None:
     """Choose one node, print its address, and act on it.
 
     `taken` is a node-ID that must be free.
@@ -317,7 +310,7 @@ def _with_one(one: OneNode, change: Callable[[Lss, LssAddress], None], taken: in
             change(lss, found)
 
 
-def _address(text: str) -> LssAddress:
+def _address(text: str) -> "LssAddress":
     from drive_profiles.device.lss import LssAddress
 
     try:

@@ -1,9 +1,5 @@
 """Options and arguments that several commands of ``drive-profiles`` take."""
 
-# ruff: noqa: PLC0415 - pydantic is imported inside the functions, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -111,7 +107,7 @@ class DriveOptions(BusOptions):
     node: NodeOption
 
     @contextlib.contextmanager
-    def opened(self) -> Iterator[Device]:
+    def opened(self) -> "Iterator[Device]":
         """Open the bus and the drive at the node, as `device_at` does."""
         from drive_profiles.device.bus import SdoBus
         from drive_profiles.device.target import device_at

@@ -1,9 +1,5 @@
 """Commands of ``drive-profiles`` that show drive families."""
 
-# ruff: noqa: PLC0415 - pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from drive_profiles.cli.application import command
@@ -109,7 +105,7 @@ def show(name: ProfileName, *, as_json: JsonOption = False) -> None:
     )
 
 
-def _product(member: Profile) -> dict[str, str]:
+def _product(member: "Profile") -> dict[str, str]:
     identity = member.identity
     return {
         "product": identity.product,
@@ -125,14 +121,14 @@ def _product(member: Profile) -> dict[str, str]:
 _CAPABILITIES = {"p_pi_inside": "P-PI inside", "host_closed": "host-closed"}
 
 
-def _step(entry: Parameter) -> str:
+def _step(entry: "Parameter") -> str:
     """Return the value of one step on the wire, if not 1."""
     if isinstance(entry.scale, str):
         return entry.step
     return "" if entry.scale == 1.0 else f"{number(entry.scale)} {unit(entry.unit)}".rstrip()
 
 
-def _facts(profile: Profile) -> list[tuple[str, ...]]:
+def _facts(profile: "Profile") -> list[tuple[str, ...]]:
     identity, sync, store = profile.identity, profile.sync, profile.store
     products = ", ".join(_number_or_unknown(member.identity.product_code) for member in profile.members)
     facts: list[tuple[str, ...]] = [

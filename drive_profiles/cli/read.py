@@ -1,9 +1,5 @@
 """Commands of ``drive-profiles`` that read a bus and write nothing to it."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import datetime
 import math
 import re
@@ -14,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.address import parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
@@ -28,12 +25,12 @@ from drive_profiles.cli.options import (
     TimeoutOption,
     class_names,
 )
+from drive_profiles.errors import BusError, DriveProfileError, SdoAbortedError
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device, DeviceIdentity
-    from drive_profiles.errors import DriveProfileError
     from drive_profiles.family.catalogue import CatalogueEntry
     from drive_profiles.standard.units import Scaling
 
@@ -92,7 +89,7 @@ def _nodes(text: str) -> list[int]:
     return sorted(numbers)
 
 
-def _row(identity: DeviceIdentity, names: list[str]) -> tuple[str, ...]:
+def _row(identity: "DeviceIdentity", names: list[str]) -> tuple[str, ...]:
     return (
         str(identity.node),
         _hex(identity.vendor_id),
@@ -116,7 +113,6 @@ def info(drive: DriveOptions) -> None:
     """
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.target import any_device_at, matching
-    from drive_profiles.errors import SdoAbortedError
 
     with exit_on_error(), SdoBus(drive.bus, drive.timeout_s) as opened:
         device = any_device_at(opened, drive.node, drive.profile, drive.eds)
@@ -138,21 +134,15 @@ def info(drive: DriveOptions) -> None:
         print_json(facts)
         return
     rows = [
-        (
-            key.replace("_", " "),
-            "-" if value in (None, "", []) else f"0x{value:0{_HEXADECIMAL[key]}X}" if key in _HEXADECIMAL else _plain(value),
-        )
-        for key, value in facts.items()
+        (key.replace("_", " "), "-" if value in (None, "", []) else f"0x{value:0{digits}X}" if digits else str(value))
+        for key, value in (facts | {"profiles": ", ".join(names)}).items()
+        for digits in (_HEXADECIMAL.get(key),)
     ]
     table("", ("fact", "value"), rows)
 
 
 _HEXADECIMAL = {"device_type": 8, "vendor_id": 8, "product_code": 8, "revision": 8, "error_register": 2}
 """Digits of what is hexadecimal."""
-
-
-def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 @command(epilog=READ_EPILOG)
@@ -169,7 +159,6 @@ def pull(
 
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
     """
-    from drive_profiles.address import parse_address
     from drive_profiles.device.target import doubt_of_profile
 
     wanted = class_names(classes)
@@ -247,11 +236,10 @@ def backup(
         raise typer.Exit(ExitStatus.NODE)
 
 
-def _kept(bus: SdoBus, node: int, out: Path, classes: tuple[str, ...]) -> dict[str, Any]:
+def _kept(bus: "SdoBus", node: int, out: Path, classes: tuple[str, ...]) -> dict[str, Any]:
     """Back up one node; gives its entry of the index."""
     from drive_profiles.device.device import identity_at
     from drive_profiles.device.target import device_at
-    from drive_profiles.errors import BusError, DriveProfileError
 
     entry: dict[str, Any] = {
         "node": node,
@@ -318,11 +306,9 @@ def get(
 
 
 def _got(
-    device: Device, entries: list[CatalogueEntry]
-) -> tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]:
+    device: "Device", entries: "list[CatalogueEntry]"
+) -> "tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]":
     """Read objects; return those read, with bytes and value, and the failures."""
-    from drive_profiles.errors import BusError, DriveProfileError
-
     values: list[tuple[CatalogueEntry, bytes, float | str]] = []
     failures: list[tuple[CatalogueEntry, DriveProfileError]] = []
     for entry in entries:
@@ -339,7 +325,7 @@ def _got(
     return values, failures
 
 
-def decoded(entry: CatalogueEntry, data: bytes, scaling_of: Callable[[list[CatalogueEntry]], Scaling | None]) -> float | str:
+def decoded(entry: "CatalogueEntry", data: bytes, scaling_of: "Callable[[list[CatalogueEntry]], Scaling | None]") -> float | str:
     """Return an object's value; bytes that are no value become text."""
     try:
         return entry.decoded(data, scaling_of([entry]))
@@ -352,7 +338,7 @@ def in_json(value: float | str) -> float | str:
     return value if isinstance(value, str) or math.isfinite(value) else str(value)
 
 
-def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:
+def _value(entry: "CatalogueEntry", data: bytes, value: float | str) -> str:
     """Format a value for people."""
     if entry.data_type is None and shown.is_hexadecimal(entry.address) and len(data) in {1, 2, 4, 8}:
         return f"0x{int.from_bytes(data, 'little'):0{2 * len(data)}X}"

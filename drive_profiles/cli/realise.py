@@ -1,9 +1,5 @@
 """Commands that realise a notch and gains, and write the families' pages."""
 
-# ruff: noqa: PLC0415 - pydantic and numpy are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -77,7 +73,7 @@ def realise(
     _show(profile, realisation)
 
 
-def _show(profile: Profile, realisation: Realisation) -> None:
+def _show(profile: "Profile", realisation: "Realisation") -> None:
     target, held, off = realisation.target, realisation.held, realisation.deviations
     typer.echo(f"{realisation.profile}: {realisation.verdict}, filter period {1e6 * realisation.period_s:g} µs")
     for reason in realisation.reasons:
@@ -152,7 +148,7 @@ def gains(
         typer.echo(f"A PID on the error equals the P-PI only behind a reference low-pass of {1e3 * pid.reference_lag_s:g} ms.")
 
 
-def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | LoopFacts | None) -> None:
+def _save(profile: "Profile", values: Mapping[str, float], out: Path | None, fact: "NotchFacts | LoopFacts | None") -> None:
     """Save the values as a parameter set if --out is given."""
     if out is None:
         return
@@ -183,16 +179,16 @@ def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Folder
     typer.echo(f"{len(files)} pages in {out}")
 
 
-def _doubt(fact: NotchFacts | LoopFacts | None) -> None:
+def _doubt(fact: "NotchFacts | LoopFacts | None") -> None:
     if why := _why_unverified(fact):
         typer.echo(f"  unverified: {why}")
 
 
-def _why_unverified(fact: NotchFacts | LoopFacts | None) -> str:
+def _why_unverified(fact: "NotchFacts | LoopFacts | None") -> str:
     return "" if fact is None or fact.is_verified else " ".join((fact.note or fact.source).split())
 
 
-def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
+def _refuse(error: "NotRealisableError", *, as_json: bool) -> NoReturn:
     if as_json:
         print_json({"profile": error.profile, "reasons": error.reasons})
     else:

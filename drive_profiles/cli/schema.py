@@ -1,7 +1,5 @@
 """The command ``schema`` of all three tools: JSON Schemas for editors."""
 
-# ruff: noqa: PLC0415 - pydantic is imported inside the command, so that --help and completion stay quick
-
 import inspect
 import json
 import pkgutil

@@ -1,9 +1,5 @@
 """Parameter sets as a user names them."""
 
-# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the functions, so that --help and completion stay quick
-
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +13,8 @@ if TYPE_CHECKING:
 
 
 def set_for_drive(
-    bus: SdoBus, node: int, path: Path, profile: str | None = None, eds: Path | None = None
-) -> tuple[Device, ParameterSet]:
+    bus: "SdoBus", node: int, path: Path, profile: str | None = None, eds: Path | None = None
+) -> "tuple[Device, ParameterSet]":
     """Open the drive at a node and read the set for it.
 
     A DCF serves as its own EDS. The profile is the named one, else that of the file's header, else the one that matches. Parts of
@@ -39,7 +35,7 @@ def set_for_drive(
     return device, wanted
 
 
-def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = None, node_id: int | None = None) -> Catalogue:
+def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = None, node_id: int | None = None) -> "Catalogue":
     """Return the objects of a file's device, without a bus.
 
     A DCF serves as its own EDS. The profile is the named one, else that of the file's header, else the one that matches the
@@ -64,7 +60,7 @@ def _own_eds(path: Path, eds: Path | None) -> Path | None:
     return path if eds is None and path.suffix.lower() in formats.DEVICE_FILES else eds
 
 
-def _matching(header: Header) -> str | None:
+def _matching(header: "Header") -> str | None:
     """Return the one profile that fits the header's identity, or None."""
     from drive_profiles.device.target import fitting
 

@@ -1,12 +1,8 @@
 """Tables of the three tools as aligned text.
 
-They fit the terminal without breaking a word.
-
 A cell wraps between words; where even that is too wide, or takes more lines, each row becomes a block of its own. What does not
 go to a terminal has a line for each row, as wide as it is. Machines read `--json`.
 """
-
-from __future__ import annotations
 
 import re
 import textwrap

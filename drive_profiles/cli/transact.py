@@ -1,9 +1,5 @@
 """Transaction of the commands of ``drive-profiles`` that write: ask, write, report."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the functions, so that --help and completion stay quick
-
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,13 +9,14 @@ import typer
 
 from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_json, progress, table
 from drive_profiles.cli.options import BusOptions
+from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 from drive_profiles.standard import shown
+from drive_profiles.standard.cia301 import DataType
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device
     from drive_profiles.parameter_set.parameters import ParameterSet, Write
-    from drive_profiles.standard.cia301 import DataType
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
@@ -34,12 +31,12 @@ class TransactionRequest:
     """Request of a command that writes, beside the values."""
 
     on: BusOptions
-    options: UploadOptions
+    options: "UploadOptions"
     yes: bool = False
     dry_run: bool = False
 
 
-def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSet | Path]]) -> None:
+def transact(request: TransactionRequest, pairs: "Sequence[tuple[int, ParameterSet | Path]]") -> None:
     """Prepare uploads, show changes, ask, run, and report.
 
     From the first write to the end of the process Ctrl-C does not end the program: it rolls the uploads back, or comes too
@@ -49,7 +46,6 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
         typer.Exit: Not every drive holds its set.
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.errors import RefusedError
     from drive_profiles.parameter_set.parameters import CLASSES
     from drive_profiles.upload import fleet
 
@@ -84,14 +80,14 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
         raise typer.Exit(status)
 
 
-def exit_status(outcomes: Sequence[UploadResult]) -> int:
+def exit_status(outcomes: "Sequence[UploadResult]") -> int:
     """Return the commands' exit status; an unknown state precedes any failure."""
     if any(outcome.kind == "unknown" for outcome in outcomes):
         return ExitStatus.UNKNOWN
     return max((outcome.exit_code for outcome in outcomes), default=0)
 
 
-def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: TransactionRequest) -> Upload:
+def _upload(bus: "SdoBus", node: int, wanted: "ParameterSet | Path", request: TransactionRequest) -> "Upload":
     """Prepare the upload of a set or file to a node."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.target import device_at
@@ -104,7 +100,7 @@ def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: Transa
     return Upload(device, wanted, request.options, bus.address)
 
 
-def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
+def _show_changes(uploads: "Sequence[Upload]", request: TransactionRequest) -> None:
     """Print the changes as a table, with `--json` on standard error.
 
     Before a question or a result the table is short, so that the following text does not push it out of sight.
@@ -128,10 +124,8 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
         typer.echo("nothing differs", err=request.on.as_json)
 
 
-def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str, DataType | None]:
+def _in_unit(device: "Device", write: "Write", held: bytes) -> "tuple[float | str, float | str, str, DataType | None]":
     """Return value now, new value, unit and type of a write."""
-    from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
-
     known = device.catalogue.get(write.address)
     for entry in (known, write.entry) if known is not None and known.data_type is write.entry.data_type else (write.entry,):
         try:
@@ -144,7 +138,7 @@ def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, fl
     return held.hex(" "), write.data.hex(" "), "bytes", None
 
 
-def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
+def report(outcomes: "Sequence[UploadResult]", request: TransactionRequest) -> None:
     """Print each result, and the next command if one is uncertain."""
     if request.on.as_json:
         print_json(
@@ -159,7 +153,7 @@ def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> Non
             typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
 
 
-def _hint(outcome: UploadResult, request: TransactionRequest) -> str:
+def _hint(outcome: "UploadResult", request: TransactionRequest) -> str:
     if outcome.kind != "unknown":
         return ""
     where = f"--bus {request.on.bus} --node {outcome.node}"

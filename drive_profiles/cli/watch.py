@@ -1,9 +1,5 @@
 """drive-profiles watch: objects of a drive as they change."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import json
 import math
 import sys
@@ -80,7 +76,7 @@ def watch(
 
 
 def _readings(
-    device: Device, entries: list[CatalogueEntry], every_s: float, count: int | None, for_s: float | None
+    device: "Device", entries: "list[CatalogueEntry]", every_s: float, count: int | None, for_s: float | None
 ) -> Iterator[tuple[float, list[float | str]]]:
     """Yield time and values of each reading; missed readings are skipped."""
     scaling = device.scaling(entries)
@@ -97,7 +93,7 @@ def _readings(
         time.sleep(every_s * (math.floor(elapsed / every_s) + 1) - elapsed)
 
 
-def _live(device: Device, entries: list[CatalogueEntry], readings: Iterator[tuple[float, list[float | str]]]) -> None:
+def _live(device: "Device", entries: "list[CatalogueEntry]", readings: Iterator[tuple[float, list[float | str]]]) -> None:
     """Show the latest values with a plot line each, in place."""
     from rich.console import Console
     from rich.live import Live
@@ -128,11 +124,11 @@ def plot_line(values: deque[float]) -> str:
     return "".join(_BARS[int((value - low) / step + 0.5)] if math.isfinite(value) else " " for value in values)
 
 
-def _key(entry: CatalogueEntry) -> str:
+def _key(entry: "CatalogueEntry") -> str:
     from drive_profiles.standard.object_address import address_text
 
     return entry.name or address_text(entry.address)
 
 
-def _text(entry: CatalogueEntry, value: float | str) -> str:
+def _text(entry: "CatalogueEntry", value: float | str) -> str:
     return shown.value(value, entry.address, entry.data_type)

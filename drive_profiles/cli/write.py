@@ -1,9 +1,5 @@
 """Commands of ``drive-profiles`` that write to drives, each by the same transaction."""
 
-# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
-
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable
@@ -40,6 +36,8 @@ from drive_profiles.cli.options import (
     class_names,
 )
 from drive_profiles.cli.transact import TransactionRequest, transact
+from drive_profiles.errors import BusError, NoAnswerError, SdoAbortedError
+from drive_profiles.standard.cia301 import DataType
 
 if TYPE_CHECKING:
     from drive_profiles.device.device import Device
@@ -178,9 +176,8 @@ def _pair(text: str) -> tuple[str, str]:
     return key.strip(), value.strip()
 
 
-def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> ParameterSet:
+def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> "ParameterSet":
     from drive_profiles.parameter_set.parameters import CLASSES, Item, ParameterSet
-    from drive_profiles.standard.cia301 import DataType
     from drive_profiles.standard.object_address import address_text
 
     if type_name is not None and type_name not in DataType.__members__:
@@ -337,7 +334,7 @@ _DEFAULTS = _Words(
 )
 
 
-def _give(request: TransactionRequest, node: int, choose: Callable[[Device], MemoryCommand], words: _Words) -> None:
+def _give(request: TransactionRequest, node: int, choose: "Callable[[Device], MemoryCommand]", words: _Words) -> None:
     """Give a drive one of the two commands, and print the result.
 
     Raises:
@@ -345,7 +342,6 @@ def _give(request: TransactionRequest, node: int, choose: Callable[[Device], Mem
         DriveProfileError: The drive has not done it.
     """
     from drive_profiles.device.memory import has_done_nothing
-    from drive_profiles.errors import BusError, NoAnswerError, SdoAbortedError
 
     with Interrupts() as interrupts, DriveOptions(**{**vars(request.on), "node": node}).opened() as device:
         command = choose(device)

@@ -1,8 +1,6 @@
 r"""Drives on a bus, read and written through SDO.
 
-`bus` opens a CAN bus and gives each node a port, and `sdo` is that port: an SDO client that is safe against late answers.
-`device` is the node with its catalogue: identity, state, scaling and values. `memory` stores and restores parameters, and
-`target` chooses the drive profile that fits a node. An `SdoPort` needs no bus, only an object that sends and receives frames:
+An `SdoPort` needs no bus, only an object that sends and receives frames:
 
 >>> from drive_profiles.device.device import Device
 >>> from drive_profiles.device.sdo import SdoPort

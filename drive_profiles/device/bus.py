@@ -1,7 +1,5 @@
 """A CAN bus for the parameter tool, opened through python-can."""
 
-from __future__ import annotations
-
 import contextlib
 import queue
 import threading
@@ -15,11 +13,10 @@ from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address, witho
 from drive_profiles.device.sdo import ForeignRequests, SdoPort
 from drive_profiles.errors import BusError
 from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
+from drive_profiles.standard.cia305 import LSS_RESPONSE
 
 _INTERFACES = {LOCAL: PYTHON_CAN_LOCAL}
 """Interfaces that python-can knows by another name than ours."""
-LSS_RESPONSE = 0x7E4
-"""Identifier by which LSS slaves answer (CiA 305)."""
 _FILTERS = [
     {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},
     {"can_id": FunctionCode.SDO_REQUEST, "can_mask": 0x780, "extended": False},  # those of other clients
@@ -36,7 +33,7 @@ _SCAN_BURST = 8
 class _Line:
     """The SDO frames of one node on a shared bus."""
 
-    def __init__(self, bus: SdoBus, node: int) -> None:
+    def __init__(self, bus: "SdoBus", node: int) -> None:
         self._bus = bus
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
         self.boots = 0
@@ -69,7 +66,6 @@ class SdoBus:
     """A CAN bus that several threads may share.
 
     Attributes:
-        address: The bus address as it was given.
         on_lss: Called in the reading thread with the data of each answer of an LSS slave.
     """
 

@@ -1,7 +1,5 @@
 """A device behind an SDO port."""
 
-from __future__ import annotations
-
 import contextlib
 import datetime
 import time

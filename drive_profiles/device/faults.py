@@ -1,9 +1,4 @@
-"""Faults of a drive in words, and their clearing.
-
-They come from 1001h, 603Fh and the history in 1003h.
-"""
-
-from __future__ import annotations
+"""Faults of a drive in words, and their clearing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Layer setting services (LSS, CiA 305) on a bus."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -10,11 +8,10 @@ from canopen.lss import LssError, LssMaster
 
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.errors import NoLssAnswerError, RefusedError
-from drive_profiles.standard.cia305 import BIT_TIMINGS
+from drive_profiles.standard.cia305 import BIT_TIMINGS, UNCONFIGURED
 
 BIT_RATES = {rate: index for index, rate in BIT_TIMINGS.items()}
 """Bit rates and their index in the standard's table of bit timings."""
-UNCONFIGURED = 0xFF
 _REMEDY = "check its identity, its supply and its NMT state"
 
 

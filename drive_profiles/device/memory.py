@@ -1,7 +1,5 @@
 """Store and restore commands of a drive."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drive_profiles.device.device import Device

@@ -3,8 +3,6 @@
 The thread that reads the bus supplies the answers; late answers to earlier requests are discarded.
 """
 
-from __future__ import annotations
-
 import collections
 import struct
 from collections.abc import Callable
@@ -84,7 +82,6 @@ class SdoPort:
         refusal: Error raised where the node refuses; a user with errors of its own derives this class and names them.
         silence: Error raised where the node is silent; likewise.
         shared: Error raised instead where requests of another client to the node have been seen.
-        timeout_s: Time that an answer may take, s.
         strays: Objects whose writing the node has confirmed although this port did not write them.
     """
 

@@ -1,7 +1,5 @@
 """Choice of a device by bus, node, profile and EDS."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

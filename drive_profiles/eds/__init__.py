@@ -2,9 +2,6 @@ r"""Tolerant reading of device descriptions (EDS, DCF and XDD).
 
 Every repair is reported with its line.
 
-`load` reads a file and `loads` its bytes; both return a `Description`. Its `dictionary` is canopen's object dictionary, and its
-`rewrite` writes other parameter values into the text of the file. `export` makes a clean EDS or DCF, or JSON.
-
 >>> from drive_profiles import eds
 >>> description = eds.loads(
 ...     b"[MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n"

@@ -5,8 +5,6 @@ Nothing is repaired, because only the device knows which side is right.
 Source: CiA 301, version 4.2.0 (7.4.1, sub-index 0; 7.5.1, mandatory objects); CiA 306-1 (device information).
 """
 
-from __future__ import annotations
-
 from canopen.objectdictionary import ODArray, ODRecord
 
 from drive_profiles.eds import values
@@ -14,12 +12,12 @@ from drive_profiles.eds.device import MAX_UNSIGNED32
 from drive_profiles.eds.objects import Builder
 from drive_profiles.eds.text import EdsSection, quoted
 from drive_profiles.errors import Problem
+from drive_profiles.standard.shown import MAPPINGS
 
 _IDENTITY = {"VendorNumber": 1, "ProductNumber": 2, "RevisionNumber": 3}
 """Sub-index in 1018h of each number in [DeviceInfo]."""
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
 _HISTORY = 0x1003
-_MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 _PDOS = {"NrOfRXPDO": range(0x1400, 0x1600), "NrOfTXPDO": range(0x1800, 0x1A00)}
 _UNSIGNED8 = 0x05
 _STRUCTURE = 0xFF
@@ -89,7 +87,7 @@ def _entry_count(item: ODArray | ODRecord, builder: Builder) -> list[Problem]:
     said = count.default
     if entry is None or not isinstance(said, int) or said == highest:
         return []
-    varies = item.index == _HISTORY or any(item.index in mappings for mappings in _MAPPINGS)
+    varies = item.index == _HISTORY or any(item.index in mappings for mappings in MAPPINGS)
     varies = varies or (isinstance(item, ODArray) and count.access_type not in {"ro", "const"})
     if said < highest and varies:
         return []  # how many are in use, of those that there are

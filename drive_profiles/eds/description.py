@@ -13,8 +13,6 @@ that number. Of repeated keys the first counts. Missing access is ``ro``, a miss
 Source: CiA 306-1 (EDS and DCF), CiA 311 (XDD).
 """
 
-from __future__ import annotations
-
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -52,11 +50,7 @@ class Description:
         node_id: Node-ID as given to `load`, else that of the commissioning section (either spelling of its name).
         own_node_id: Node-ID of the commissioning section, whatever was given to `load`.
         bitrate_bit_s: Bit rate in the commissioning section.
-        vendor_id: Vendor-ID, None if the file does not state it.
-        product_code: Product code, None if the file does not state it.
-        revision: Revision number, None if the file does not state it.
-        vendor_name: Name of the vendor, empty if the file does not state it.
-        product_name: Name of the product, empty if the file does not state it.
+        vendor_id: None, as product code and revision, if the file does not state it; the names are then empty.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
         contradictions: Contradictions of the file with itself or with the standard; both sides are kept.
         flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.

@@ -1,11 +1,7 @@
 """Parts of a description other than its objects.
 
-They are identity, commissioning, lists of objects, dummies and comments.
-
 Source: CiA 306-1 (file and device information).
 """
-
-from __future__ import annotations
 
 import re
 

@@ -1,7 +1,5 @@
 """Export of a description as a clean EDS, DCF or JSON."""
 
-from __future__ import annotations
-
 import copy
 import io
 import warnings

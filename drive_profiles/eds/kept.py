@@ -1,14 +1,10 @@
 """Keys of CiA 306 that canopen's exporter does not write.
 
-They are inserted into its output.
-
 Only what has a meaning in CiA 306 is kept. What the exporter writes itself, and what the reader has repaired or dropped, stays as
 the exporter has it.
 
 Source: CiA 306-1: object description (4.6.3), device commissioning (DCF), modules, tools.
 """
-
-from __future__ import annotations
 
 import re
 from collections.abc import Iterator

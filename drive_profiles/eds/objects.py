@@ -6,8 +6,6 @@ read is left out and named; the others stay.
 Source: CiA 306-1 (objects, ``CompactSubObj``).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -62,7 +60,6 @@ class Builder(VariableReader):
     """Builder of canopen's dictionary from the sections of a file.
 
     Attributes:
-        dictionary: The dictionary as far as it is built.
         sections: The section of every variable that has one, by index and sub-index.
         compact: The sections of every object with a compact notation, by index.
     """

@@ -1,7 +1,5 @@
 """Rewriting of a file with other parameter values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -51,7 +49,8 @@ def rewritten(
             problems.append(Problem(line, key, str(error), eds_values.expected_of(data_type)))
             continue
         if section is not None:
-            _set(changes, section, "ParameterValue", written, _last(section))
+            default = section.entries.get("defaultvalue")  # a value that is not there yet is inserted behind it
+            _set(changes, section, "ParameterValue", written, section.last if default is None else default.line)
         else:
             compact.setdefault(index, {})[subindex] = written
     for index, contents in compact.items():
@@ -75,12 +74,6 @@ def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVari
         return item if subindex == 0 else None
     member: ODVariable | None = item.subindices.get(subindex)
     return member
-
-
-def _last(section: EdsSection) -> int:
-    """Return the line after which a parameter value is inserted."""
-    default = section.entries.get("defaultvalue")
-    return default.line if default is not None else section.last
 
 
 def _set(changes: _Changes, section: EdsSection, key: str, new: Replacement, after: int) -> None:

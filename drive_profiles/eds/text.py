@@ -1,7 +1,5 @@
 """The text of an EDS or DCF, rewritable value by value.
 
-It is divided into lines, sections and keys with their line numbers.
-
 This module does not know what a key means. It keeps the lines as they are, so that a rewrite changes no byte that it need not.
 Keys and section names are compared without regard to case, and sections of objects by their numbers: ``[1a00Sub00]``
 is ``[1A00sub0]``. Of repeated keys the first counts, as for the Windows call with which most of these files are
@@ -9,8 +7,6 @@ read by their makers' tools; a later section adds the keys that the first has no
 
 Source: CiA 306-1 (format).
 """
-
-from __future__ import annotations
 
 import codecs
 import contextlib

@@ -1,14 +1,10 @@
 """Values from their text in a file.
 
-They are numbers in every spelling that files have, ``$NODEID``, data types and access words.
-
 Text with one possible meaning is read, with a remark if the standard demands another spelling. Ambiguous text is dropped,
 with a remark. A `ValueReading` with a remark and no value was dropped.
 
 Source: CiA 306-1 (values of keys); CiA 301, version 4.2.0, 7.4.7 (data types).
 """
-
-from __future__ import annotations
 
 import math
 import re

@@ -1,14 +1,10 @@
 """One variable from the keys of its section.
 
-It has a name, type, access, default and limits, and the value that a DCF gives.
-
 A missing or wrong key is noted, and the variable gets the least harmful substitute: an unreadable number is left out,
 missing access is read-only, an unknown type is bytes.
 
 Source: CiA 306-1, object description (4.6.3).
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from enum import IntFlag

@@ -1,7 +1,5 @@
 """XDD and XDC files, divided into the sections of an EDS.
 
-They are the XML form of a description.
-
 A warning therefore names the key of the EDS (``[2100sub1] DefaultValue``) and the line of the XML. Data type, access, limits
 and values may be at an object, or at the parameter to which its ``uniqueIDRef`` refers; the object's own take precedence.
 
@@ -9,8 +7,6 @@ The file is not trusted: see `drive_profiles.files.xml_tree`, and its size is bo
 
 Source: CiA 311; the type names are those of IEC 61131-3.
 """
-
-from __future__ import annotations
 
 from pathlib import Path
 

@@ -1,9 +1,5 @@
 """Families of drives as data.
 
-`profile` reads the drive profile of a family. Its parts are described in `parameter` (an object with its unit, limits and source)
-and `capability` (the drive's loop, filters, encoder and store). `catalogue` lists the objects of a device, from its drive profile
-and its EDS, and finds them by name or address.
-
 >>> from drive_profiles.family.catalogue import Catalogue
 >>> from drive_profiles.family.profile import Profile
 >>> drive = Catalogue(Profile.load("emulated_drive"))

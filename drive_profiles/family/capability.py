@@ -1,7 +1,5 @@
 """Capabilities of a drive for the paper's loop, and further facts."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 import pydantic

@@ -1,7 +1,5 @@
 """Objects of a device with names, types and limits."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import re
@@ -94,7 +92,7 @@ class CatalogueEntry:
         """True if one step's value depends on encoder or rated torque."""
         return bool(self.scale)
 
-    def without_limits(self) -> CatalogueEntry:
+    def without_limits(self) -> "CatalogueEntry":
         """Return the entry without limits, for values that a device already holds."""
         free = None if self.parameter is None else self.parameter.model_copy(update={"minimum": None, "maximum": None})
         return replace(self, low=None, high=None, parameter=free)

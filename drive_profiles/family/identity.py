@@ -1,7 +1,5 @@
 """Facts that distinguish devices: identity, modes and SYNC periods."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 import pydantic
@@ -47,7 +45,7 @@ class Firmware(Table):
             return not self.has_range
         return (self.min_revision or 0) <= revision and (self.max_revision is None or revision <= self.max_revision)
 
-    def overlaps(self, other: Firmware) -> bool:
+    def overlaps(self, other: "Firmware") -> bool:
         """Return True if a device may be covered by both."""
         if self.product_code != other.product_code:
             return False

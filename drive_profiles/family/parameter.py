@@ -1,7 +1,5 @@
 """One value in a drive's object dictionary, as a profile states it."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A further product of a family, stated by its differences."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 

@@ -1,11 +1,7 @@
 """A family of drives (or accelerometers) as data.
 
-A profile states identity, capabilities, and the object of each parameter.
-
 The facts are in ``vendors/*.toml``, each with its source and evidence; none of them rests on a factory setting.
 """
-
-from __future__ import annotations
 
 import difflib
 import functools

@@ -1,7 +1,5 @@
 """Results of a run with each drive family, emulated (``runs.toml``)."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 from typing import Annotated

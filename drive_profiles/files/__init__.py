@@ -1,9 +1,5 @@
 r"""Reading and writing of users' files.
 
-`reading` reads files of bounded size, `safefile` writes them atomically.
-
-TOML is validated by line (`toml`), XML a tree of bounded size (`xml_tree`).
-
 >>> from drive_profiles.errors import FileError
 >>> from drive_profiles.files.toml import Table, loads
 >>> class Axis(Table):

@@ -3,8 +3,6 @@
 Only regular files are read, since a pipe or a device could block the reader.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Atomic writing of files: after a crash one is complete or missing."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -1,11 +1,7 @@
 """Reading of TOML files into frozen models, with located errors.
 
-Each error has its line, its key and the expectation there.
-
 The unit of a number is in the name of its key (``torque_limit_nm``), so a wrong unit is a wrong key, and is reported.
 """
-
-from __future__ import annotations
 
 import datetime
 import difflib
@@ -14,14 +10,13 @@ import re
 import reprlib
 import tomllib
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import pydantic
 
 from drive_profiles.errors import FileError, Problem
-from drive_profiles.files.kinds import mistaken
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.toml_lines import KeyPath, key_lines
 
@@ -352,7 +347,7 @@ def _annotations(model: object, location: KeyPath) -> list[Any]:
 
 
 def _has(model: object, mark: KeyPath) -> bool:
-    """Return True if the model allows a path, whose `kinds.ANY` is any key of a table of tables."""
+    """Return True if the model allows a path, whose `ANY` is any key of a table of tables."""
     here = list(_flat(model))
     for part in mark:
         here = [leaf for each in here for step in _step(each, part) for leaf in _flat(step)]
@@ -383,3 +378,35 @@ def _flat(annotation: Any) -> Iterator[Any]:
 
 def _fields(model: type[pydantic.BaseModel]) -> dict[str, Any]:
     return {field.alias or name: field.annotation for name, field in model.model_fields.items()}
+
+
+ANY = "*"
+"""Stands for the number or the name of a table."""
+KINDS: dict[str, tuple[KeyPath, ...]] = {
+    "a bench file": (("bus", "sync_period_s"), ("axis", ANY, "limits")),
+    "a robot file": (("axis", ANY, "gear_damping_nm_s_rad"), ("axis", ANY, "torque_limit_nm")),
+    "a model file": (("axis", ANY, "plant"), ("axis", ANY, "ate", "standard_error")),
+    "a design file": (("axis", ANY, "sensitivity_peak"),),
+    "a file of faults": (("fault",),),
+    "a layout of a recording": (("column",), ("unit",)),
+    "a spread of plants": (("gear_stiffness_percent",), ("arm_inertia_percent",), ("a2_percent",)),
+    "a drive profile": (("identity",), ("parameters",)),
+    "a parameter set": (("header",), ("tuning",), ("limits",), ("communication",), ("commissioning",)),
+}
+"""Kinds of TOML files of all three tools, told apart by keys that no other kind has."""
+
+
+def _fits(path: KeyPath, mark: KeyPath) -> bool:
+    return len(path) == len(mark) and all(key in {part, ANY} for part, key in zip(path, mark, strict=True))
+
+
+def mistaken(paths: Collection[KeyPath], allowed: Callable[[KeyPath], bool]) -> tuple[str, str] | None:
+    """Return the kind of a file and the one that is expected; None if it may be that one.
+
+    Args:
+        paths: Paths of the keys of the file.
+        allowed: True for a path that the expected kind has.
+    """
+    expected = [kind for kind, marks in KINDS.items() if any(allowed(mark) for mark in marks)]
+    found = [kind for kind, marks in KINDS.items() if any(_fits(path, mark) for mark in marks for path in paths)]
+    return (found[0], expected[0]) if found and expected and not set(found) & set(expected) else None

@@ -4,8 +4,6 @@ The files are not trusted: declarations of a document type or of entities are re
 depth, elements and text are bounded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,10 +23,10 @@ class Element:
     tag: str
     attributes: dict[str, str]
     line: int
-    children: list[Element] = field(default_factory=list)
+    children: "list[Element]" = field(default_factory=list)
     text: str = ""
 
-    def walk(self) -> Iterator[Element]:
+    def walk(self) -> "Iterator[Element]":
         """Yield this element and its descendants in the file's order."""
         stack = [self]
         while stack:
@@ -36,7 +34,7 @@ class Element:
             yield element
             stack.extend(reversed(element.children))
 
-    def child(self, tag: str) -> Element | None:
+    def child(self, tag: str) -> "Element | None":
         """Return the first child of a name."""
         return next((child for child in self.children if child.tag == tag), None)
 

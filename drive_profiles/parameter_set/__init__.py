@@ -1,8 +1,5 @@
 r"""Parameter sets: values with names and units that an upload writes.
 
-`parameters` has the set and its text file, `formats` reads and writes DCF and concise DCF, and `steps` plans the order of
-writing.
-
 >>> from drive_profiles.family.catalogue import Catalogue
 >>> from drive_profiles.family.profile import Profile
 >>> from drive_profiles.parameter_set.parameters import Item, ParameterSet

@@ -5,8 +5,6 @@ section, which other tools pass over: ``; drive-profiles: counts_per_rev = 65536
 as an empty text, with their bytes: ``; drive-profiles: 2FF0:0 = ()``.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct
@@ -218,7 +216,9 @@ def to_concise(writes: Collection[Write]) -> bytes:
     held = {address: data + b"\0" for address, data in goal.items()}
     held |= {address: b"\1" for address in goal if address[1] == 0 and pdo_of(address) is not None}
     held |= {
-        address: data[:3] + bytes((data[3] & 0x7F,)) for address, data in goal.items() if _is_cob_id(address) and len(data) == 4
+        address: data[:3] + bytes((data[3] & 0x7F,))
+        for address, data in goal.items()
+        if address[1] == 1 and pdo_of(address) == address[0] and len(data) == 4
     }
     whole = {address for address in goal if support([address]) <= set(goal)}
     order = steps({address: goal[address] for address in goal if address in whole}, held)
@@ -253,7 +253,3 @@ def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
     if position != len(data):
         raise RefusedError(f"{len(data) - position} bytes follow the last of {count} entries of the concise DCF; expected none")
     return contents
-
-
-def _is_cob_id(address: ObjectAddress) -> bool:
-    return address[1] == 1 and pdo_of(address) == address[0]

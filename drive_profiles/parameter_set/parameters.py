@@ -1,7 +1,5 @@
 """A parameter set as a text file with one object per line.
 
-It states values that a drive holds or shall hold.
-
     [header]
     profile = "emulated_drive"
     …
@@ -12,8 +10,6 @@ It states values that a drive holds or shall hold.
 The tables are the four classes. ``commissioning`` (offsets, encoder facts) belongs to one device and is never copied to another
 unless that is forced.
 """
-
-from __future__ import annotations
 
 import contextlib
 import hashlib
@@ -257,7 +253,7 @@ class ParameterSet(Table):
 
     def differences(
         self,
-        other: ParameterSet,
+        other: "ParameterSet",
         catalogue: Catalogue | None = None,
         scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
     ) -> list[Difference]:
@@ -292,7 +288,7 @@ class _ComparedLine(NamedTuple):
     entry: CatalogueEntry | None = None
     data: bytes | None = None
 
-    def is_same_as(self, other: _ComparedLine) -> bool:
+    def is_same_as(self, other: "_ComparedLine") -> bool:
         if self.data is not None and other.data is not None:
             return self.data == other.data
         return (self.item.value, self.item.unit, self.item.type) == (other.item.value, other.item.unit, other.item.type)

@@ -1,7 +1,5 @@
 """The order in which objects are written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from drive_profiles.standard.cia301 import CobIdBit

@@ -1,7 +1,5 @@
 """Conversion of second-order filters between coefficients and frequencies.
 
-It covers the discretisations that drives use.
-
 The quadratic Q(s) = 1 + 2 ζ s/ω + s²/ω² becomes a polynomial C(x) = c₀ + c₁ x + c₂ x² in x = z⁻¹, with T the sampling time:
 
 - bilinear, s = (2/T) (1 − x)/(1 + x), k = ωT/2:  C = (1 + x)² + (2ζ/k) (1 − x²) + (1 − x)²/k²
@@ -11,8 +9,6 @@ The quadratic Q(s) = 1 + 2 ζ s/ω + s²/ω² becomes a polynomial C(x) = c₀ +
 
 A filter is the quotient of two such, its gain at DC (x = 1) is 1.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass
@@ -81,7 +77,7 @@ class NotchTarget:
             raise ValueError(f"zeta_zero = {self.zeta_zero:g} must be below zeta_pole = {self.zeta_pole:g} to make a notch")
 
     @classmethod
-    def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:
+    def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> "NotchTarget":
         """Return the notch for one motor speed.
 
         Its zeros are at k f_m (the harmonic order k, revolutions per second), its poles ω_d/2π above, with dampings ζ_rn and
@@ -101,7 +97,7 @@ class NotchTarget:
         return self.pole_hz - self.zero_hz
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> "Shape":
         """The target as a continuous filter."""
         return Shape(self.zero_hz, self.zeta_zero, self.pole_hz, self.zeta_pole, 1.0, is_stable=True)
 
@@ -116,10 +112,6 @@ class Shape:
     frequency ∞ and damping 0.
 
     Attributes:
-        zero_hz: Frequency of the zeros, ω_z / 2π, Hz.
-        zeta_zero: Damping of the zeros, ζ_z.
-        pole_hz: Frequency of the poles, ω_p / 2π, Hz.
-        zeta_pole: Damping of the poles, ζ_p.
         dc_gain: Gain at DC, g; infinite where the denominator vanishes at DC.
         is_stable: True if both poles are inside the unit circle.
     """
@@ -153,8 +145,6 @@ class Shape:
 
 def shape_of(biquad: Biquad, period_s: float) -> Shape:
     """Recompute zeros, poles and DC gain from coefficients.
-
-    The result is the continuous filter whose bilinear transform they are.
 
     With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)². Hence
     ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. At the sampling rates of drives n₀ is

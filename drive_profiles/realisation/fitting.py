@@ -1,7 +1,5 @@
 """Search for the filter values that come nearest to a target."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator
@@ -46,7 +44,14 @@ class Fit:
         try:
             if self.notch.form == "coefficients":
                 return settings | _coefficients(self)
-            return settings | (_variable(self) if self.notch.form == "variable" else _frequencies(self))
+            if self.notch.form != "variable":
+                return settings | _frequencies(self)
+            wanted = {
+                "offset": self.target.offset_hz,
+                "zero_damping": self.target.zeta_zero,
+                "pole_damping": self.target.zeta_pole,
+            }
+            return settings | {self.section.parts[part]: hold(self.parameter(part), value) for part, value in wanted.items()}
         except OutOfRangeError as error:
             raise NotRealisableError(self.profile.label, (str(error),)) from None
 
@@ -67,12 +72,6 @@ class Fit:
 def design(target: NotchTarget, period_s: float) -> Biquad:
     """Return the bilinear discretisation of the target, as in the paper."""
     return biquad_of(Quadratic(target.zero_hz, target.zeta_zero), Quadratic(target.pole_hz, target.zeta_pole), period_s)
-
-
-def _variable(fit: Fit) -> dict[str, float]:
-    target = fit.target
-    wanted = {"offset": target.offset_hz, "zero_damping": target.zeta_zero, "pole_damping": target.zeta_pole}
-    return {fit.section.parts[part]: hold(fit.parameter(part), value) for part, value in wanted.items()}
 
 
 def _frequencies(fit: Fit) -> dict[str, float]:

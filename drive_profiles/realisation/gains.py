@@ -1,7 +1,5 @@
 """The paper's gains in a drive's units, and as a PID."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drive_profiles.errors import NotRealisableError, OutOfRangeError

@@ -1,13 +1,9 @@
 """Realisation of the paper's notch in a drive.
 
-It finds values for the drive's parameters and the filter that the drive then runs.
-
 A drive's filter is rarely the designed one: its objects hold 15 bits, whole hertz, or a Q of 5 at most. So the values are rounded
 exactly as the objects hold them, and zeros, poles and DC gain are recomputed from the rounded values. A filter that is no longer
 the designed notch is refused with the numbers.
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,7 +34,7 @@ class Deviations:
     depth_db: float
 
     @classmethod
-    def between(cls, target: NotchTarget, held: Shape) -> Deviations:
+    def between(cls, target: NotchTarget, held: Shape) -> "Deviations":
         """Compare a held filter with its target."""
         offset = held.pole_hz - held.zero_hz
         return cls(
@@ -152,7 +148,6 @@ def realise(
     ``variable`` form takes offset and dampings; order and speed range are not in the target and stay the caller's.
 
     Args:
-        target: The notch at one speed.
         section: Number of the drive's filter, from 0.
         period_s: Period at which the filter runs, s; needed where the profile does not know it.
         allow_approximate: Accept the nearest filter that the drive holds. A frequency out of range, an unknown scaling, or a

@@ -1,7 +1,5 @@
 """The filter that a drive runs with its objects' values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
@@ -32,7 +30,11 @@ def held_filter(profile: Profile, values: Mapping[str, float], period_s: float |
     if notch is None or notch.form == "variable":
         return ()
     held = HeldValues(profile, values)
-    active = [section for section in notch.sections if _is_active(held, section)]
+    active = [
+        section
+        for section in notch.sections
+        if all(held[name] == hold(profile.parameter(name), value) for name, value in section.settings.items())
+    ]
     if not active:
         return ()
     period = period_of(profile, period_s)
@@ -143,10 +145,6 @@ def hold(parameter: Parameter, value: float) -> float:
         OutOfRangeError: The object cannot hold the value.
     """
     return parameter.value(parameter.raw(value))
-
-
-def _is_active(held: HeldValues, section: FilterSection) -> bool:
-    return all(held[name] == hold(held.profile.parameter(name), value) for name, value in section.settings.items())
 
 
 def _no_number(name: str, parameter: Parameter) -> str:

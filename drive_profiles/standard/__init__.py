@@ -1,8 +1,6 @@
 """CiA 301 and CiA 402 as data, and the conversion of units.
 
-`cia301` has identifiers, NMT, data types and error codes. `cia402` has the state machine, the control and status word, the modes
-and the object indices. `units` converts between SI and the integers on the bus, `unit_codes` reads the units of 60A8h to 60AAh,
-and `object_address` writes addresses as text. Nothing here needs a bus, a file or a clock.
+Nothing here needs a bus, a file or a clock.
 
 >>> from drive_profiles.standard.cia402 import State, control_word_towards, state_of
 >>> state_of(0x0237)

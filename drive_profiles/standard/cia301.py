@@ -1,7 +1,5 @@
 """Facts of CiA 301 that both sides of the bus share.
 
-They are identifiers, NMT, data types, abort codes and emergency codes.
-
 Source: CiA 301, version 4.2.0; the table or clause is named at each item.
 """
 

@@ -1,13 +1,9 @@
 """CiA 402 as data.
 
-It covers states, control word and status word, the transition table, modes, option codes and object indices.
-
 Both sides of the bus use this module: the drive calls `next_state`, the master `state_of` and `control_word_towards`.
 
 Source: CiA 402-2 (IEC 61800-7-201), device control: state machine, 6040h, 6041h and the option codes.
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import Enum, IntEnum

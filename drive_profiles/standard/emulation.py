@@ -1,7 +1,5 @@
 """Mark of an emulated node in its hardware version (1009h).
 
-The text says that there is no hardware.
-
 An emulated drive of a maker's family answers like a real one, identity and name included, so only this mark tells them
 apart. 1009h is optional (CiA 301): a device that lacks it, or holds anything else, is not taken for emulated.
 

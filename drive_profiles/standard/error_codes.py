@@ -1,11 +1,7 @@
 """Error codes of drives in words.
 
-They occur in emergency messages, in 603Fh and in 1003h.
-
 Source: CiA 301, 7.2.7.1; CiA 402-2, object 603Fh.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 

@@ -3,8 +3,6 @@
 They serve devices without a profile or an EDS.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from drive_profiles.standard.cia301 import DataType
@@ -15,7 +13,7 @@ if TYPE_CHECKING:  # completion must not wait for pydantic
 _B, _W, _L = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 _SB, _SW, _SL, _S = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32, DataType.VISIBLE_STRING
 
-OBJECTS: dict[ObjectAddress, tuple[str, DataType, str]] = {
+OBJECTS: "dict[ObjectAddress, tuple[str, DataType, str]]" = {
     (0x1000, 0): ("device_type", _L, "ro"),
     (0x1001, 0): ("error_register", _B, "ro"),
     (0x1005, 0): ("cob_id_sync", _L, "rw"),

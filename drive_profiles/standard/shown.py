@@ -3,8 +3,6 @@
 Numbers have four digits and units, words of bits are hexadecimal. Files and JSON hold all digits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -25,17 +23,17 @@ _BITS: frozenset[tuple[int, int]] = frozenset(
 """Objects that hold bits, codes or identifiers. Source: CiA 301, 7.5.2; CiA 402-2."""
 _BITS_FROM_SUBINDEX_1 = (range(0x1003, 0x1004), range(0x1010, 0x1012), range(0x1016, 0x1017), range(0x1028, 0x1029))
 _COB_IDS = ((range(0x1200, 0x1300), (1, 2)), (range(0x1400, 0x1600), (1,)), (range(0x1800, 0x1A00), (1,)))
-_MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 
 
-def is_hexadecimal(address: ObjectAddress) -> bool:
+def is_hexadecimal(address: "ObjectAddress") -> bool:
     """Return True for bits, codes, identities, COB-IDs and PDO mappings."""
     index, subindex = address
     if address in _BITS:
         return True
     if any(index in block and subindex in subindices for block, subindices in _COB_IDS):
         return True
-    return subindex > 0 and any(index in block for block in (*_BITS_FROM_SUBINDEX_1, *_MAPPINGS))
+    return subindex > 0 and any(index in block for block in (*_BITS_FROM_SUBINDEX_1, *MAPPINGS))
 
 
 def unit(text: str) -> str:
@@ -77,7 +75,7 @@ def measured(value: float, error: float) -> str:
     return f"{value:.{max(decimals, 0)}f} ± {error:.{max(decimals, 0)}f}"
 
 
-def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
+def value(held: float | str, address: "ObjectAddress", data_type: "DataType | None" = None, digits: int = DIGITS) -> str:
     """Format an object's value; hexadecimal ones have all digits of their type."""
     if isinstance(held, str):
         return held
@@ -86,7 +84,7 @@ def value(held: float | str, address: ObjectAddress, data_type: DataType | None 
     return number(held, digits)
 
 
-def pair(left: float | str, right: float | str, address: ObjectAddress, data_type: DataType | None = None) -> tuple[str, str]:
+def pair(left: float | str, right: float | str, address: "ObjectAddress", data_type: "DataType | None" = None) -> tuple[str, str]:
     """Format two values of an object so that they differ visibly."""
     for digits in range(DIGITS, _EXACT + 1):
         shown = value(left, address, data_type, digits), value(right, address, data_type, digits)

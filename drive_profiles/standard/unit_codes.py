@@ -8,8 +8,6 @@ the unit that the code names.
 Source: CiA 303-2; CiA 402-2, 60A8h to 60AAh.
 """
 
-from __future__ import annotations
-
 import math
 
 from drive_profiles.errors import OutOfRangeError

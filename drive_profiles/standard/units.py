@@ -6,8 +6,6 @@ same. A value that the object cannot hold is refused with its numbers, never cla
 Source: CiA 402-2, 607Eh, 608Fh, 6076h, 6091h, 6092h, 60A8h to 60AAh and 60C2h.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass, field
@@ -70,8 +68,6 @@ POSITION_REVERSED, VELOCITY_REVERSED = 1 << 7, 1 << 6
 @dataclass(frozen=True, slots=True)
 class Scaling:
     """Scaling of one drive.
-
-    It gives the units of the drive's positions, speeds, accelerations and torques.
 
     Positions on the wire are in the user's unit, which is an increment of the encoder unless the feed constant or the units say
     otherwise. Without a feed constant the gear ratio does not act: such drives count at the motor.

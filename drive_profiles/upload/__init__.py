@@ -1,8 +1,5 @@
 r"""Uploads of parameter sets to drives: all of them, or none.
 
-`upload` is the transaction of one drive, and `fleet` takes several drives through it together. `checks` has the objections before
-anything is written, `journal` the record on disk, `snapshot` the way back from it, and `result` the options and the result.
-
 Here a dictionary of objects stands for the SDO port of a drive:
 
 >>> import tempfile

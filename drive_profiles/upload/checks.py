@@ -1,7 +1,5 @@
 """Objections to an upload, raised before anything is written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from drive_profiles.device.device import Device, DeviceIdentity
@@ -50,7 +48,7 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
     """Return the warnings to the user that do not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
-        theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))
+        theirs, own = ("none" if number is None else f"0x{number:X}" for number in (header.revision, identity.revision))
         said.append(f"the set is for revision {theirs}; the device has {own}")
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
@@ -98,10 +96,6 @@ def _other_device(header: Header, identity: DeviceIdentity) -> str:
     if header.node_id in {None, identity.node}:
         return ""
     return f"of node {header.node_id}, without a serial number; this is node {identity.node}"
-
-
-def _hexadecimal(number: int | None) -> str:
-    return "none" if number is None else f"0x{number:X}"
 
 
 def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:

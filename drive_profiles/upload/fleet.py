@@ -1,7 +1,5 @@
 """Uploads to several drives at once: all of them, or none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace

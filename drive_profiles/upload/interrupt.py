@@ -3,8 +3,6 @@
 It is closed once; after that nothing can be undone.
 """
 
-from __future__ import annotations
-
 _INTERRUPTED, _CLOSED = "interrupted", "closed"
 
 

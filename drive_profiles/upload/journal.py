@@ -1,13 +1,9 @@
 """The journal of an upload on disk, and its snapshot as a parameter set.
 
-It holds a snapshot to go back to, and a record that shows what a killed upload has done.
-
 One JSON object per line. The first, written by way of a temporary file and fsync before anything is sent, holds for every object
 its bytes before and its bytes wanted. Each write is announced before it is sent and confirmed after it is answered; those
 lines survive the death of the tool. After a loss of power they may be missing: then every object of the snapshot is uncertain.
 """
-
-from __future__ import annotations
 
 import calendar
 import contextlib
@@ -56,7 +52,6 @@ class JournalStatement:
     """The conclusions that a journal allows about a drive.
 
     Attributes:
-        snapshot: The snapshot in its first line.
         possible: Bytes that each object may hold now, by address; a single value where that is certain.
         stored: ``yes``, ``no`` or ``unknown``: the drive has stored the values.
         outcome: End of the upload as it noted it; empty if it was killed before.

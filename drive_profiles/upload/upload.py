@@ -13,8 +13,6 @@ The result on each drive is one of
 The result also says if the values were stored. A write is never repeated before the drive's value has been read again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable

@@ -4,8 +4,7 @@
  *
  * Source: linux/can.h, struct can_frame; CiA 301, 7.4.7: the bytes of a number begin with the lowest.
  */
-#ifndef HIL_LINE_H
-#define HIL_LINE_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -32,5 +31,3 @@ enum { NOT_SENT = -3, NOT_RECEIVED, NOT_TAKEN, TAKEN };
  * the bytes that have come, without the record of the clock at their end; 0 after the time-out; NOT_SENT, also if the socket has
  * another time-out; NOT_RECEIVED if a signal or an error ends the waiting. */
 integer exchange_message(struct line *line, const uint8_t *records, integer size, real timeout_s, uint8_t *room);
-
-#endif

@@ -1,7 +1,5 @@
 """`hil compare`: treatments side by side, over experiments and robots."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 import os
 from contextlib import ExitStack
 from dataclasses import replace
@@ -17,6 +15,7 @@ from drive_profiles.cli.console import fail, terminal_width
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, MotionOptions, shown_live
+from hil.control.treatments import present_name
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -114,7 +113,6 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
     Raises:
         typer.Exit: A name is unknown, or axes are given for an experiment that is not run.
     """
-    from hil.control.treatments import present_name
     from hil.experiments.comparison.plan import ComparisonRequest
     from hil.experiments.treatment import TREATMENTS
 

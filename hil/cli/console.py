@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from drive_profiles.address import LOCAL, AddressError, choose_bus, parse_address
 from drive_profiles.cli.console import ToolExitStatus, epilog
 from drive_profiles.cli.entry import interrupted
+from drive_profiles.errors import DriveProfileError
+from hil.errors import HilError, not_restored_words
 from hil.reporter import Reporter
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -62,12 +65,9 @@ def say(message: str) -> None:
 
 def exit_status_of(error: Exception) -> int:
     """Return the exit status of an error; `ExitStatus.INTERNAL` for an unexpected one."""
-    from drive_profiles.address import AddressError  # noqa: PLC0415
-    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
-    from hil.arm.straight_line import LineError  # noqa: PLC0415
-    from hil.can.errors import BusLostError, ChannelError  # noqa: PLC0415
-    from hil.control.trajectory import UnreachableError  # noqa: PLC0415
-    from hil.errors import HilError  # noqa: PLC0415
+    from hil.arm.straight_line import LineError
+    from hil.can.errors import BusLostError, ChannelError
+    from hil.control.trajectory import UnreachableError
 
     if isinstance(error, HilError | DriveProfileError):
         return error.exit_code
@@ -106,7 +106,7 @@ def exit_on_error(*, moves: bool = True) -> Iterator[None]:
 
     An unexpected error keeps its traceback. A command that moves a robot prints after an interrupt what has moved.
     """
-    from hil.master.whereabouts import LastPositions  # noqa: PLC0415 - hil.master loads nothing else with it
+    from hil.master.whereabouts import LastPositions  # hil.master loads nothing else with it
 
     LastPositions.note((), have_moved=False)
     try:
@@ -124,8 +124,6 @@ def exit_on_error(*, moves: bool = True) -> Iterator[None]:
 
 def say_not_restored(objects: Iterable[str]) -> None:
     """Print the objects that could not be restored in the nodes."""
-    from hil.errors import not_restored_words  # noqa: PLC0415
-
     for name in objects:
         say(not_restored_words(name))
 
@@ -139,7 +137,7 @@ def write_page(directory: Path) -> Path | None:
         Path of the page; None if it was not written.
     """
     try:
-        from hil.report.writer import write_report_of  # noqa: PLC0415
+        from hil.report.writer import write_report_of
 
         return write_report_of(directory)
     except KeyboardInterrupt:
@@ -202,8 +200,7 @@ def bench_on(bench_file: str, bus: str | None) -> "Bench":
         AddressError: The address cannot be read.
         FileError: The bench file cannot be used.
     """
-    from drive_profiles.address import choose_bus  # noqa: PLC0415
-    from hil.bench.bench import load_bench  # noqa: PLC0415
+    from hil.bench.bench import load_bench
 
     bench = load_bench(bench_file)
     choice = choose_bus(bus, (f"bench file {bench_file}", bench.bus.address))
@@ -213,8 +210,6 @@ def bench_on(bench_file: str, bus: str | None) -> "Bench":
 
 def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
     """Return a bench on the bus of a command's emulator; print it."""
-    from drive_profiles.address import choose_bus  # noqa: PLC0415
-
     say(str(choose_bus(address, option_name="the emulator that this command has started")))
     return bench.on(address)
 
@@ -224,8 +219,6 @@ def is_on_local_bus(bench: "Bench") -> bool:
 
     On any other bus, each node's hardware version (1009h) shows whether it is emulated.
     """
-    from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
-
     return parse_address(bench.bus.address).interface == LOCAL
 
 
@@ -235,7 +228,7 @@ def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
     Raises:
         NotPossibleError: It holds the files of another command, and `--force` is not given.
     """
-    from hil.results import base  # noqa: PLC0415
+    from hil.results import base
 
     return base.result_directory(out, name, force=force)
 
@@ -260,15 +253,15 @@ class RunProgress(SpokenReporter):
     """
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:
-        from rich.console import Console  # noqa: PLC0415
-        from rich.progress import (  # noqa: PLC0415
+        from rich.console import Console
+        from rich.progress import (
             BarColumn,
             Progress,
             TextColumn,
             TimeElapsedColumn,
             TimeRemainingColumn,
         )
-        from rich.table import Column  # noqa: PLC0415
+        from rich.table import Column
 
         self._console = Console(stderr=True)
         self.is_live = is_live and self._console.is_terminal
@@ -327,8 +320,7 @@ def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None
     """
     if yes or is_on_local_bus(bench):
         return
-    from drive_profiles.address import parse_address  # noqa: PLC0415
-    from hil.can.opening import open_channel  # noqa: PLC0415
+    from hil.can.opening import open_channel
 
     open_channel(parse_address(bench.bus.address)).close()
     confirm(motions)

@@ -58,13 +58,13 @@ def demo(
     Example: hil demo --out demo
     """
     with console.exit_on_error():
-        from hil.emulator import EmulatorProcess  # noqa: PLC0415
+        from hil.emulator import EmulatorProcess
 
         console.result_directory(out, "demo", force=force)
         with EmulatorProcess(robot) as emulator:
-            from hil.bench.bench import load_bench  # noqa: PLC0415
-            from hil.experiments.plan import demo_experiments  # noqa: PLC0415
-            from hil.experiments.treatment import known_from  # noqa: PLC0415
+            from hil.bench.bench import load_bench
+            from hil.experiments.plan import demo_experiments
+            from hil.experiments.treatment import known_from
 
             bench = console.bench_on_emulator(load_bench("reference"), str(emulator.address))
             with shown_live(live, bench.bus.address, "reference"):
@@ -127,7 +127,7 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     The first part's report links to them. After a part that was interrupted, or failed for another reason than its
     findings, the next does not run.
     """
-    from hil.report.writer import write_report_of  # noqa: PLC0415
+    from hil.report.writer import write_report_of
 
     try:
         own = _run_tour(seed, out, live, as_json=as_json)
@@ -140,9 +140,9 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
 
 def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     """Run the tour, the demo's second part, and return the exit status."""
-    from hil import tour  # noqa: PLC0415
-    from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
-    from hil.report.pages.demo import TOUR_FOLDER  # noqa: PLC0415
+    from hil import tour
+    from hil.emulator import EmulatorProcess, draw_robot
+    from hil.report.pages.demo import TOUR_FOLDER
 
     console.say(f"your own robot: an unknown one, drawn by seed {seed}; --robot-seed draws another")
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
@@ -158,9 +158,9 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
 
 def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
     """Run the arm's tour, the demo's last part, and return the status."""
-    from hil import arm_tour  # noqa: PLC0415
-    from hil.emulator import EmulatorProcess  # noqa: PLC0415
-    from hil.report.pages.demo import ARM_FOLDER  # noqa: PLC0415
+    from hil import arm_tour
+    from hil.emulator import EmulatorProcess
+    from hil.report.pages.demo import ARM_FOLDER
 
     console.say("a whole arm: six axes; only its joints and its motors' inertias are known")
     with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
@@ -170,9 +170,9 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
 
 def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int:
     """Write the page of a tour, print its results, and return the exit status."""
-    from hil.experiments.comparison.table import summary  # noqa: PLC0415
-    from hil.report.tables.compare import notch_sentences  # noqa: PLC0415
-    from hil.report.writer import write_report_of  # noqa: PLC0415
+    from hil.experiments.comparison.table import summary
+    from hil.report.tables.compare import notch_sentences
+    from hil.report.writer import write_report_of
 
     page = write_report_of(folder)
     console.echo_lines(summary(done.result, terminal_width(err=as_json)), err=as_json)

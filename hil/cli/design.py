@@ -1,11 +1,8 @@
 """`hil design notch`: a variable notch for an axis, from its plant."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -22,6 +19,7 @@ from hil.cli.console import (
     say,
 )
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
+from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -32,14 +30,6 @@ DESIGN_EPILOG = epilog_without_motion({
     ExitStatus.FILE: "bad file, or a bench file without an entry that a design needs",
     ExitStatus.NOT_MET: "no filter meets every requirement, or the loop without a filter is better",
 })  # fmt: skip
-
-
-class ShapeName(StrEnum):
-    """Shape of the poles' damping over the speed."""
-
-    SWITCHED = "switched"
-    TRAPEZOID = "trapezoid"
-    BEST = "best"
 
 
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify; replaces the bench file's model.")]
@@ -73,9 +63,9 @@ def notch(
     model: ModelOption = None,
     order: Annotated[str, typer.Option(help="Harmonic order k: one such as 2, two such as 1,2, or `both` (2,4).")] = "2",
     shape: Annotated[
-        ShapeName,
+        Literal["switched", "trapezoid", "best"],
         typer.Option(help="Poles' damping from f_s to f_e: switched is constant, trapezoid has slopes, best is the better one."),
-    ] = ShapeName.BEST,
+    ] = "best",
     given: Annotated[bool, typer.Option("--given", help="Only judge the bench file's own notch.")] = False,
     max_sensitivity: Annotated[float, typer.Option(help="Largest M_s at any speed.")] = 1.7,
     phase_margin_deg: Annotated[float, typer.Option(help="Least phase margin at any speed.")] = 35.0,
@@ -124,7 +114,7 @@ def notch(
             request = NotchDesignRequest(
                 axis=axis,
                 orders=_orders(order),
-                shapes=("switched", "trapezoid") if shape is ShapeName.BEST else (shape.value,),
+                shapes=("switched", "trapezoid") if shape == "best" else (shape,),
                 requirements=Requirements(max_sensitivity, phase_margin_deg, gain_margin_db, limit_mm),
                 uncertainty_percent=uncertainty_percent,
                 period_s=period_s,
@@ -165,7 +155,6 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
     Raises:
         NotPossibleError: The file exists, or the drive has no room for the filter.
     """
-    from hil.errors import NotPossibleError
     from hil.experiments.notch_design import check_drive
 
     if path is None or axis not in bench.axis:
@@ -178,7 +167,6 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
 def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, design_file: Path | None, *, as_json: bool) -> None:
     """Write the files, print the summary, and leave with the exit status."""
     from hil.bench.design import notch_table, snippet, update_designs
-    from hil.errors import NotPossibleError
     from hil.experiments.notch_design import designed_axis, parameter_set, result_of
     from hil.report.pages.design import write_design_report
 

@@ -35,14 +35,14 @@ def arm(
     Example: hil identify arm --bench bench.toml --model model.toml
     """
     with exit_on_error(moves=False):
-        from hil.bench.bench import load_bench  # noqa: PLC0415
-        from hil.bench.model import load_identified  # noqa: PLC0415
+        from hil.bench.bench import load_bench
+        from hil.bench.model import load_identified
 
         where = result_directory(out, "identify-arm", force=force)
         bench, identified = load_bench(bench_file), load_identified(model)
 
-        from hil.experiments.arm_masses import identify_arm  # noqa: PLC0415
-        from hil.results.base import RESULT_FILE  # noqa: PLC0415
+        from hil.experiments.arm_masses import identify_arm
+        from hil.results.base import RESULT_FILE
 
         result = identify_arm(bench, identified)
         result.write(where / RESULT_FILE)

@@ -76,10 +76,10 @@ def ate(
             )
         bench = console.bench_on(bench_file, bus)
 
-        from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415
-        from hil.bench.model import Identified, load_identified, update_file  # noqa: PLC0415
-        from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
-        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_ramp  # noqa: PLC0415
+        from hil.bench.load_encoder import by_load_encoders
+        from hil.bench.model import Identified, load_identified, update_file
+        from hil.experiments.ate.on_bus import identify_ate
+        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_ramp
 
         if model is not None:
             Identified.check_file(model, bench.name)

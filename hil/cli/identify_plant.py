@@ -1,9 +1,8 @@
 """`hil identify plant`: the plant of one axis, without prior knowledge."""
 
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,21 +22,6 @@ PLANT_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "identified",
     ExitStatus.NOT_MET: "not identified; the message gives the reason and the remedy",
 })  # fmt: skip
-
-
-class PlantExcitation(StrEnum):
-    """Signal to which the excitation is added."""
-
-    AUTO = "auto"
-    TORQUE = "torque"
-    REFERENCE = "reference"
-
-
-class PlantShape(StrEnum):
-    """Form of the excitation."""
-
-    MULTISINE = "multisine"
-    CHIRP = "chirp"
 
 
 @command(cls=LiveCommand, epilog=PLANT_EPILOG)
@@ -61,10 +45,10 @@ def plant(
     ] = None,
     periods: Annotated[int, typer.Option(help="Least number of averaged periods.")] = 10,
     excitation: Annotated[
-        PlantExcitation,
+        Literal["auto", "torque", "reference"],
         typer.Option(help="What carries the excitation: torque (60B2h) or reference; auto: torque if the drive accepts it."),
-    ] = PlantExcitation.AUTO,
-    shape: Annotated[PlantShape, typer.Option(help="Form of the excitation.")] = PlantShape.MULTISINE,
+    ] = "auto",
+    shape: Annotated[Literal["multisine", "chirp"], typer.Option(help="Form of the excitation.")] = "multisine",
     no_accelerometer: Annotated[
         bool, typer.Option("--no-accelerometer", help="Leave the accelerometer out of the fit and its checks.")
     ] = False,
@@ -82,12 +66,12 @@ def plant(
     with console.exit_on_error():
         bench = console.bench_on(bench_file, bus)
 
-        from hil.bench.model import Identified  # noqa: PLC0415
-        from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
-        from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
+        from hil.bench.model import Identified
+        from hil.experiments.plant.motion import PlantRequest, axis_table
+        from hil.experiments.plant.on_bus import run_identify_plant
 
         request = PlantRequest(
-            axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
+            axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation, shape,
             with_accelerometer=not no_accelerometer, posture_deg=_posture(posture_deg),
         )  # fmt: skip
         axis_table(bench, axis)
@@ -122,7 +106,7 @@ def _posture(text: str | None) -> dict[int, float]:
 
 def _summary(result: "PlantResult") -> None:
     """Print the identified numbers."""
-    from hil.results.plant import PARAMETERS  # noqa: PLC0415 - as above
+    from hil.results.plant import PARAMETERS
 
     plan, parameters = result.plan, result.parameters
     if plan is None or parameters is None:
@@ -144,8 +128,8 @@ def _summary(result: "PlantResult") -> None:
 def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
     """Return the lines on how the robot is moved."""
     limits = bench.axis[request.axis].limits
-    from hil.experiments.plant.bands import FASTEST_BIAS_RPS, pilot_band  # noqa: PLC0415
-    from hil.experiments.plant.motion import FAST_RPS  # noqa: PLC0415
+    from hil.experiments.plant.bands import FASTEST_BIAS_RPS, pilot_band
+    from hil.experiments.plant.motion import FAST_RPS
 
     band = pilot_band(request, bench.bus.sync_period_s)
     bias = FASTEST_BIAS_RPS if request.bias_rps is None else request.bias_rps

@@ -72,11 +72,11 @@ def from_recordings(
     Raises:
         typer.Exit: Nothing was identified.
     """
-    from hil.bench.bench import load_bench  # noqa: PLC0415
-    from hil.bench.model import load_identified, update_file  # noqa: PLC0415
-    from hil.experiments.ate.recorded.identify import identify_recorded  # noqa: PLC0415
-    from hil.experiments.ate.recorded.request import RecordedRequest  # noqa: PLC0415
-    from hil.recordings.layout import load_layout, said_with  # noqa: PLC0415
+    from hil.bench.bench import load_bench
+    from hil.bench.model import load_identified, update_file
+    from hil.experiments.ate.recorded.identify import identify_recorded
+    from hil.experiments.ate.recorded.request import RecordedRequest
+    from hil.recordings.layout import load_layout, said_with
 
     try:
         file = None if words.layout is None else load_layout(words.layout, axis)

@@ -1,9 +1,8 @@
 """`hil learn`: adaptive cancellation, then frozen in a model file."""
 
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -37,13 +36,6 @@ PaceOption = Annotated[
 ]
 
 
-class LearnedMotion(StrEnum):
-    """Motions of the bench file on which the error is learnt."""
-
-    CONSTANT_ACCELERATION = "constant-acceleration"
-    LINE_MOTION = "line-motion"
-
-
 @command(cls=LiveCommand, epilog=LEARN_EPILOG)
 def learn(
     bench_file: options.BenchOption,
@@ -54,7 +46,7 @@ def learn(
         typer.Option("--axis", help="Axis that moves; repeatable, one after the other.", autocompletion=options.AXES.one),
     ] = None,
     motion: Annotated[
-        LearnedMotion | None,
+        Literal["constant-acceleration", "line-motion"] | None,
         typer.Option(help="Learn on this motion of the bench file instead of ramps: all its axes at once, by probing runs."),
     ] = None,
     probe_arcsec: ProbeOption = None,
@@ -95,17 +87,17 @@ def learn(
         _check(axes := tuple(dict.fromkeys(axis or ())), motion, pace)
         bench = console.bench_on(bench_file, bus)
 
-        from hil.bench.model import Identified  # noqa: PLC0415
+        from hil.bench.model import Identified
 
         Identified.check_file(model, bench.name)
-        name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
+        name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion
         where = console.result_directory(given.out, f"learn-{name}", force=given.force)
         inertias, ks = options.inertias_from(motor_inertia_kg_m2 or [], axes), options.orders_from(orders)
         outcome: MeasurementOutcome[Any]
         reporter = console.SpokenReporter()
         with shown_live(given.live, bench.bus.address, bench_file):
             if motion is None:
-                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary  # noqa: PLC0415
+                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
 
                 ramps = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
                 console.confirm_motion(bench, _motion_lines(bench, ramps), yes=given.yes)
@@ -114,13 +106,13 @@ def learn(
                 )
                 lines = summary(by_ramps)
             else:
-                from hil.experiments.cancellation.probing.on_bus import (  # noqa: PLC0415
+                from hil.experiments.cancellation.probing.on_bus import (
                     MotionLearnRequest,
                     learn_motion_on_bus,
                     motion_summary,
                 )
 
-                probes = MotionLearnRequest(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
+                probes = MotionLearnRequest(motion, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
                 console.confirm_motion(bench, _probing_lines(bench, probes), yes=given.yes)
                 outcome = by_probes = learn_motion_on_bus(
                     bench, probes, where, model, plant=plant, overload=given.overload, reporter=reporter
@@ -130,7 +122,7 @@ def learn(
             console.tell_measurement(outcome, where, lambda: console.echo_lines(lines), written, as_json=given.as_json)
 
 
-def _check(axes: tuple[int, ...], motion: LearnedMotion | None, pace: float | None) -> None:
+def _check(axes: tuple[int, ...], motion: str | None, pace: float | None) -> None:
     """Refuse axes and a pace that do not go with the motion.
 
     Raises:
@@ -138,11 +130,11 @@ def _check(axes: tuple[int, ...], motion: LearnedMotion | None, pace: float | No
     """
     if motion is None and not axes:
         raise fail("no axis is given; give --axis for its ramps, or --motion for a motion of the bench file", ExitStatus.USAGE)
-    if motion is LearnedMotion.LINE_MOTION and axes:
+    if motion == "line-motion" and axes:
         raise fail("a line-motion takes no --axis", ExitStatus.USAGE)
-    if motion is LearnedMotion.CONSTANT_ACCELERATION and len(axes) != 1:
+    if motion == "constant-acceleration" and len(axes) != 1:
         raise fail("a constant-acceleration run needs one --axis", ExitStatus.USAGE)
-    if pace is not None and motion is not LearnedMotion.LINE_MOTION:
+    if pace is not None and motion != "line-motion":
         raise fail("--pace is for --motion line-motion; a ramp passes all speeds anyway", ExitStatus.USAGE)
     if pace == 1.0:
         raise fail("--pace 1 is the line's own pace; give another one, such as 0.75, for other orders", ExitStatus.USAGE)
@@ -163,7 +155,7 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
 
 def _probing_lines(bench: "Bench", request: "MotionLearnRequest") -> Iterator[str]:
     """Return the lines on how the robot is moved."""
-    from hil.experiments.plan import Experiment  # noqa: PLC0415
+    from hil.experiments.plan import Experiment
 
     yield from console.motion_lines([(bench, Experiment(request.motion, request.axis, "none"))])
     probe = "3 to 15" if request.probe_arcsec is None else f"{request.probe_arcsec:g}"

@@ -70,7 +70,7 @@ def shown_live(port: int | None, address: str, bench_file: str) -> Iterator[None
     if port is None:
         yield
         return
-    from hil.scope.process import ScopeProcess  # noqa: PLC0415
+    from hil.scope.process import ScopeProcess
 
     with ScopeProcess(address, bench_file, port) as scope:
         say(f"live: {scope.url}")

@@ -50,10 +50,10 @@ def move(
     with console.exit_on_error():
         bench = console.bench_on(bench_file, bus)
 
-        from hil.experiments.move import MoveRequest, make_move, plan_move  # noqa: PLC0415
-        from hil.experiments.position_before import position_before  # noqa: PLC0415
-        from hil.master.whereabouts import rev_text  # noqa: PLC0415
-        from hil.results.base import LOG_FILE  # noqa: PLC0415
+        from hil.experiments.move import MoveRequest, make_move, plan_move
+        from hil.experiments.position_before import position_before
+        from hil.master.whereabouts import rev_text
+        from hil.results.base import LOG_FILE
 
         where = console.result_directory(out, f"move-axis{axis}", force=force)
         request = MoveRequest(axis, to_rev, by_rev, loop)

@@ -73,7 +73,7 @@ def orders_from(text: str) -> tuple[float, ...]:
     Raises:
         typer.BadParameter: It is not a set of orders.
     """
-    from hil.robot_tables import orders_of  # noqa: PLC0415 - --help must not wait for pydantic
+    from hil.robot_tables import orders_of
 
     try:
         return orders_of(text)

@@ -1,7 +1,5 @@
 """`hil passport`: identified errors of each gear over months."""
 
-# ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
-
 import datetime
 import json
 from pathlib import Path
@@ -13,6 +11,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import table
 from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say, say_left_out, say_page
 from hil.cli.options import JsonOption
+from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:
     from hil.passport.watch import Trend
@@ -51,7 +50,6 @@ def passport(
     Example: hil passport bench-out --file passport.sqlite --pole-pairs 2=5 --slots 2=12
     """
     with exit_on_error(moves=False):
-        from hil.errors import NotPossibleError
         from hil.passport.gather import gather
         from hil.passport.origin import Motor
         from hil.passport.store import add, read

@@ -10,6 +10,8 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, finite, print_json, table
 from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
 from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
+from hil.control.treatments import treatment as row_of
+from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -50,10 +52,8 @@ def plan(
     with exit_on_error(moves=False):
         bench = bench_on(bench_file, bus)
 
-        from hil.control.treatments import treatment as row_of  # noqa: PLC0415
-        from hil.errors import NotPossibleError  # noqa: PLC0415
-        from hil.plan.advice import Adviser  # noqa: PLC0415
-        from hil.plan.check import check  # noqa: PLC0415
+        from hil.plan.advice import Adviser
+        from hil.plan.check import check
 
         with_notch = row_of(treatment).filters == "variable"
         numbers = tuple(sorted(bench.axis)) if axes is None else _axes(axes)
@@ -84,8 +84,8 @@ def _axes(text: str) -> tuple[int, ...]:
 
 
 def _wires(verdict: "PlanVerdict") -> "list[WireTiming]":
-    from hil.plan.check import RATES  # noqa: PLC0415
-    from hil.plan.wire import WireTiming  # noqa: PLC0415
+    from hil.plan.check import RATES
+    from hil.plan.wire import WireTiming
 
     return [WireTiming(rate) for rate in RATES] if verdict.wire is None else [verdict.wire]
 
@@ -148,7 +148,7 @@ def _frame_rows(verdict: "PlanVerdict") -> list[tuple[str, ...]]:
 
 
 def _rate(verdict: "PlanVerdict", wire: "WireTiming") -> tuple[str, ...]:
-    from hil.plan.bus_plan import MARGIN  # noqa: PLC0415
+    from hil.plan.bus_plan import MARGIN
 
     cycle = verdict.cycle
     delay = cycle.delay_periods(wire)

@@ -9,6 +9,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say, say_left_out
 from hil.counting import counted
+from hil.errors import HilError
 
 REPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.INTERRUPTED),
@@ -67,10 +68,9 @@ def report(
 
 
 def _write(directory: Path, old_directory: Path | None, *, is_interactive: bool) -> None:
-    from hil.errors import HilError  # noqa: PLC0415
-    from hil.report.against.page import write_against  # noqa: PLC0415
-    from hil.report.interactive.parts import check_interactive  # noqa: PLC0415
-    from hil.report.writer import write_report_of  # noqa: PLC0415 - numpy and the figures, so that --help stays quick
+    from hil.report.against.page import write_against
+    from hil.report.interactive.parts import check_interactive
+    from hil.report.writer import write_report_of
 
     if is_interactive:
         check_interactive()
@@ -90,8 +90,8 @@ def _write(directory: Path, old_directory: Path | None, *, is_interactive: bool)
 
 
 def _write_trend(folder: Path) -> None:
-    from hil.report.trend.gather import gather_runs  # noqa: PLC0415
-    from hil.report.trend.page import write_trend  # noqa: PLC0415
+    from hil.report.trend.gather import gather_runs
+    from hil.report.trend.page import write_trend
 
     gathered = gather_runs(folder)
     say_left_out(gathered.left_out, "results")

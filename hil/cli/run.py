@@ -2,9 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -13,9 +12,11 @@ from drive_profiles.cli.console import fail, table
 from hil.cli import console, options
 from hil.cli.console import ExitStatus, say
 from hil.cli.live import LiveCommand, LiveOption, shown_live
+from hil.counting import times
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
+    from hil.experiments.measurement import ClockName
     from hil.experiments.plan import Experiment
     from hil.experiments.runner import ExperimentsOutcome
     from hil.experiments.treatment import Knowledge
@@ -26,25 +27,11 @@ RUN_EPILOG = console.epilog_of_runs({
 })  # fmt: skip
 
 
-class ExperimentName(StrEnum):
-    """Experiments that can be run."""
-
-    CONSTANT_ACCELERATION = "constant-acceleration"
-    LINE_MOTION = "line-motion"
-    POINT_TO_POINT = "point-to-point"
-
-
-class ClockName(StrEnum):
-    """Clock of the bus."""
-
-    LOCK_STEP = "lock-step"
-    WALL = "wall"
-
-
 @command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=options.FORMER_SPELLINGS)
 def run(
     experiment: Annotated[
-        ExperimentName, typer.Argument(show_choices=False, help="constant-acceleration, line-motion or point-to-point.")
+        Literal["constant-acceleration", "line-motion", "point-to-point"],
+        typer.Argument(show_choices=False, help="constant-acceleration, line-motion or point-to-point."),
     ],
     bench_file: options.BenchOption,
     axis: Annotated[int | None, typer.Option("--axis", help="Axis that moves alone.", autocompletion=options.AXES.one)] = None,
@@ -64,7 +51,9 @@ def run(
     force: options.ForceOption = False,
     as_json: options.JsonOption = False,
     without_report: Annotated[bool, typer.Option("--no-report", help="Write no page; hil report writes it later.")] = False,
-    clock: Annotated[ClockName | None, typer.Option(help="Required clock of the bus; default: any (docs/realtime.md).")] = None,
+    clock: Annotated[
+        Literal["lock-step", "wall"] | None, typer.Option(help="Required clock of the bus; default: any (docs/realtime.md).")
+    ] = None,
     overload: options.OverloadOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     live: LiveOption = None,
@@ -75,17 +64,17 @@ def run(
     Example: hil run constant-acceleration --axis 2 --treatment notch --bench bench.toml
     """
     with console.exit_on_error():
-        is_line = experiment is ExperimentName.LINE_MOTION
+        is_line = experiment == "line-motion"
         if is_line != (axis is None):
-            raise fail("a line-motion takes no --axis" if is_line else f"a {experiment.value} run needs --axis", ExitStatus.USAGE)
+            raise fail("a line-motion takes no --axis" if is_line else f"a {experiment} run needs --axis", ExitStatus.USAGE)
         bench = console.bench_on(bench_file, bus)
 
-        from hil.experiments.plan import Experiment  # noqa: PLC0415
-        from hil.experiments.treatment import known_from  # noqa: PLC0415
+        from hil.experiments.plan import Experiment
+        from hil.experiments.treatment import known_from
 
         known_robot = known_from(bench_file, bench, model=model, design=design, learnt=learnt)
 
-        plan = Experiment(experiment.value, axis, treatment, loop)
+        plan = Experiment(experiment, axis, treatment, loop)
         where = console.result_directory(out, Path(plan.file_name).stem, force=force)
         console.confirm_motion(bench, console.motion_lines([(bench, plan)]), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
@@ -105,7 +94,7 @@ def run_and_report(
     as_json: bool,
     is_paper: bool = False,
     reset_faults: bool = False,
-    clock: ClockName | None = None,
+    clock: "ClockName | None" = None,
     overload: bool = False,
     knowledge: "Knowledge | None" = None,
     repeat: int = 1,
@@ -115,9 +104,9 @@ def run_and_report(
 
     Print the result. The paper's claims are all judged if `is_paper`; without a report `hil report` writes it later.
     """
-    from hil.experiments.runner import run_experiments  # noqa: PLC0415
+    from hil.experiments.runner import run_experiments
 
-    is_lock_step = console.is_on_local_bus(bench) and clock is not ClockName.WALL
+    is_lock_step = console.is_on_local_bus(bench) and clock != "wall"
     with console.RunProgress(len(experiments), is_live=is_lock_step) as progress:
         outcome = run_experiments(
             bench,
@@ -125,7 +114,7 @@ def run_and_report(
             out,
             is_paper=is_paper,
             reset_faults=reset_faults,
-            clock=None if clock is None else clock.value,
+            clock=clock,
             overload=overload,
             knowledge=knowledge,
             repeat=repeat,
@@ -167,8 +156,7 @@ def _status(outcome: "ExperimentsOutcome") -> int:
 
 def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     """Print the runs, the comparisons and the claims."""
-    from hil.counting import times  # noqa: PLC0415
-    from hil.master.lateness import timing_lines  # noqa: PLC0415
+    from hil.master.lateness import timing_lines
 
     bench = outcome.result.bench.file
     limit, chain = bench.specification.tip_mm, ",".join(map(str, bench.chain_axes))

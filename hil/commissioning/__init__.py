@@ -1,8 +1,5 @@
 """Commissioning: bench file from a scan, and first checks of each axis.
 
-`scan` and `draft` write the file. `held` has one enabled axis under limits narrower than the bench file's; `standing`, `turning`,
-`limits` and `sensing` are the checks, from those without motion to those that need all others; `check` has their order.
-
 >>> from hil.bench.bench import load_bench
 >>> from hil.commissioning.held import narrowed
 >>> limits = narrowed(load_bench("reference"), 2, start_rev=1.0).axis[2].limits

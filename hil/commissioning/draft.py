@@ -66,7 +66,9 @@ def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawi
     Raises:
         NotPossibleError: There is no drive, or the joints do not fit the drives.
     """
-    axes = _numbered([node for node in nodes if node.is_drive])
+    axes = {node.node: node for node in nodes if node.is_drive}  # the number of an axis is its drive's node-ID
+    if not axes:
+        raise NotPossibleError("no drive answers; a bench needs at least one")
     joints = {} if drawing is None else _joints(drawing, len(axes))
     lines = [
         f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: no command runs until then.",
@@ -99,13 +101,6 @@ def left_to_type(text: str) -> list[tuple[int, str]]:
 
 def _ask(what: str) -> str:
     return toml_value(f"{TO_BE_TYPED} {what}")
-
-
-def _numbered(drives: list[FoundNode]) -> dict[int, FoundNode]:
-    """Drives by the number of their axis, which is their node-ID."""
-    if not drives:
-        raise NotPossibleError("no drive answers; a bench needs at least one")
-    return {drive.node: drive for drive in drives}
 
 
 def _joints(drawing: ArmDrawing, drives: int) -> dict[int, str]:

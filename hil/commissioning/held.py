@@ -1,7 +1,4 @@
-"""One enabled axis, cycle by cycle, near its position.
-
-Its limits are narrower than the bench file's.
-"""
+"""One enabled axis, cycle by cycle, near its position."""
 
 import contextlib
 import math

@@ -1,6 +1,5 @@
 /* All of the core that Python calls: the law, and what the bus, design, logs and the master have in C. */
-#ifndef HIL_CORE_H
-#define HIL_CORE_H
+#pragma once
 
 #include "hil/control/cancellation.h"
 #include "hil/control/following.h"
@@ -13,5 +12,3 @@
 
 /* Digest of the sources that this library was built from, in hexadecimal. */
 const char *core_sources(void);
-
-#endif

@@ -32,7 +32,7 @@ TRIES = 6
 10730, 10735, 51206, 51213, 51261) the first decides."""
 
 
-PAPER_FILTERS = tuple(Notch(**column._asdict()) for column in TABLE_3.values())
+PAPER_FILTERS = tuple(TABLE_3.values())
 """Filters of the paper, which are candidates on every robot."""
 
 STARTS = (

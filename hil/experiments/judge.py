@@ -209,7 +209,7 @@ def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S)
 def scale_at(bench: Bench, axis: int, f_al_hz: float) -> TipScale:
     """Scale of an axis with a known f_al."""
     paper = TABLE_1.get(axis) if bench.is_paper else None
-    if paper is not None and abs(f_al_hz - paper.f_al_hz) <= LEAST_SPREAD * paper.f_al_hz:
+    if paper is not None and abs(f_al_hz - paper[0]) <= LEAST_SPREAD * paper[0]:
         return paper_scale(f_al_hz)
     return tip_scale(f_al_hz)
 

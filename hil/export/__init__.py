@@ -1,7 +1,5 @@
 r"""Export of recordings and bus logs to other programs.
 
-DBC, MF4, MCAP, Parquet, and PlotJuggler's stream.
-
 >>> import numpy as np
 >>> from hil.export.series import Series
 >>> from hil.export.tables import in_words

@@ -51,11 +51,7 @@ class WireUnit:
 
 
 class NodeUnits:
-    """Units of a node's numbers.
-
-    Attributes:
-        prefix: Name of the axis, or of the node without a bench file.
-    """
+    """Units of a node's numbers."""
 
     def __init__(self, node: Node, bench: Bench | None) -> None:
         """Look for the scales.
@@ -116,7 +112,8 @@ class NodeUnits:
         known = OBJECTS.get(address)
         name = f"object_{index:04x}_{subindex:x}" if known is None else known[0]
         if index == mapping.ACCELERATION_OBJECT and 1 <= subindex <= len(AXES_OF_SENSOR):
-            return self._acceleration(subindex)
+            name, step = AXES_OF_SENSOR[subindex - 1], acceleration_step_m_s2(self._node, subindex)
+            return WireUnit(name) if step is None else WireUnit(f"{name}_m_s2", step, "m/s^2")
         if self._scaling is not None and index in POSITIONS:
             return WireUnit(f"{name}_rad", self._scaling.position_rad(1), "rad")
         if self._scaling is not None and index in SPEEDS:
@@ -124,10 +121,6 @@ class NodeUnits:
         if self._scaling is not None and index in TORQUES:
             return WireUnit(f"{name}_nm", self._scaling.torque_nm(1), "Nm")
         return WireUnit(name)
-
-    def _acceleration(self, subindex: int) -> WireUnit:
-        name, step = AXES_OF_SENSOR[subindex - 1], acceleration_step_m_s2(self._node, subindex)
-        return WireUnit(name) if step is None else WireUnit(f"{name}_m_s2", step, "m/s^2")
 
 
 def acceleration_step_m_s2(node: Node, subindex: int) -> float | None:

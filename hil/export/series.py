@@ -16,7 +16,6 @@ class Series:
     """Columns with common stamps.
 
     Attributes:
-        name: Name: of the run, or of the PDO.
         time_s: Stamps; shape (n,).
         columns: Numbers by name with their unit as in a recording; each of shape (n,).
     """

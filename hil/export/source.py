@@ -5,8 +5,6 @@ Modules that read a log, or a result for its bench file, load slowly, so they ar
 
 # ruff: noqa: PLC0415 - as the docstring says
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,13 +32,13 @@ class Known:
         run: Name of the recording in a directory of several; None if there is one.
     """
 
-    bench: Bench | None
-    descriptions: Mapping[int, Description]
+    bench: "Bench | None"
+    descriptions: "Mapping[int, Description]"
     interface: str | None = None
     run: str | None = None
 
 
-def mapping_of(path: Path, known: Known) -> Decoded:
+def mapping_of(path: Path, known: Known) -> "Decoded":
     """The process data of a source's log.
 
     Raises:
@@ -61,7 +59,7 @@ def mapping_of(path: Path, known: Known) -> Decoded:
     return decoded(trace, known.bench or bench_beside(log))
 
 
-def bench_beside(log: Path) -> Bench | None:
+def bench_beside(log: Path) -> "Bench | None":
     """Return the bench file of the result beside a log.
 
     None if there is no result.
@@ -82,7 +80,7 @@ def bench_beside(log: Path) -> Bench | None:
     return found if isinstance(found, Bench) else None
 
 
-def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
+def series_in(path: Path, known: Known) -> "tuple[list[Series], Decoded | None]":
     """Return the numbers of a source over time, and its frames' meaning.
 
     Raises:

@@ -4,8 +4,7 @@
  *
  * Source: can-utils, candump -l, candump -t a|z|A and -x; the flags of an identifier as of linux/can.h.
  */
-#ifndef HIL_CANDUMP_H
-#define HIL_CANDUMP_H
+#pragma once
 
 #include <stdint.h>
 
@@ -20,5 +19,3 @@ enum { CONSUMED, READ_LINES, UNREADABLE, FIRST_UNREADABLE, FLEXIBLE, INTERFACE, 
 int64_t parse_candump(
     const uint8_t *text, int64_t size, int64_t *stamps, int64_t *ids, uint8_t *lengths, uint64_t *data, int64_t room,
     int64_t *counters);
-
-#endif

@@ -94,7 +94,6 @@ class Log:
     """Frames of a log.
 
     Attributes:
-        streams: Frames by identifier, with the flags of SocketCAN.
         damage: Parts that could not be read.
         began_s: Stamp of the first frame as in the file, in s.
         duration_ns: Time from the first frame to the last.

@@ -6,8 +6,6 @@ Without either, only the timing of a PDO is checked.
 Source: CiA 301, 7.5.2.35 to 7.5.2.38 (PDO communication and mapping parameters); CiA 402-2 for the objects' types.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -126,7 +124,7 @@ class Node:
     values: dict[ObjectAddress, int] = field(default_factory=dict)
     heard: set[ObjectAddress] = field(default_factory=set)
     pdos: tuple[Pdo, ...] = ()
-    description: Description | None = None
+    description: "Description | None" = None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
         """Content of an object as a number; None if unknown."""
@@ -141,7 +139,7 @@ class Node:
         return None
 
 
-def nodes_of(log: Log, events: Iterable[Event], descriptions: Mapping[int, Description]) -> dict[int, Node]:
+def nodes_of(log: Log, events: Iterable[Event], descriptions: "Mapping[int, Description]") -> dict[int, Node]:
     """Nodes of a log, by node-ID."""
     found = {number: Node(number) for number in _node_ids(log)}
     for number, description in descriptions.items():
@@ -166,7 +164,7 @@ def nodes_of(log: Log, events: Iterable[Event], descriptions: Mapping[int, Descr
     return dict(sorted(found.items()))
 
 
-def described_node(number: int, description: Description) -> Node:
+def described_node(number: int, description: "Description") -> Node:
     """A node as its description sets it up, without any log."""
     node = Node(number, dict(_described(description)), description=description)
     node.pdos = tuple(_pdos(node))
@@ -192,7 +190,7 @@ def _node_ids(log: Log) -> set[int]:
     return found
 
 
-def _described(description: Description) -> Iterable[tuple[ObjectAddress, int]]:
+def _described(description: "Description") -> Iterable[tuple[ObjectAddress, int]]:
     for index, entry in description.dictionary.items():
         subindices = [0] if not hasattr(entry, "subindices") else list(entry.subindices)
         for subindex in subindices:

@@ -1,7 +1,5 @@
 """Log with its frames, SYNCs, nodes and SDO transfers."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -90,7 +88,7 @@ def _set_ups(log: Log) -> list[int]:
 class Trace:
     """A log that has been looked through."""
 
-    def __init__(self, log: Log, descriptions: Mapping[int, Description], events: list[Event] | None = None) -> None:
+    def __init__(self, log: Log, descriptions: "Mapping[int, Description]", events: list[Event] | None = None) -> None:
         """Look through a log, or through a part of one whose SDO transfers are known."""
         self.log = log
         self.events: list[Event] = overheard(log) if events is None else events
@@ -98,7 +96,7 @@ class Trace:
         self._descriptions = descriptions
 
     @cached_property
-    def parts(self) -> list[Trace]:
+    def parts(self) -> "list[Trace]":
         """Parts between which the nodes were set up anew, each with its own cycle, nodes and mapping."""
         cuts = [0, *_set_ups(self.log), len(self.log)]
         if len(cuts) == 2:

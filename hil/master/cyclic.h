@@ -2,8 +2,7 @@
  *
  * Source: CiA 301, 7.4.7: the bytes of a number begin with the lowest.
  */
-#ifndef HIL_CYCLIC_H
-#define HIL_CYCLIC_H
+#pragma once
 
 #include "hil/can/line.h"
 
@@ -93,5 +92,3 @@ void count_answers(struct exchange *e);
 
 /* Count a cycle that was not sent: no drive owes an answer to it. */
 void count_dropped(struct exchange *e);
-
-#endif

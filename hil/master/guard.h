@@ -1,6 +1,5 @@
 /* The master's checks of an axis while it moves: limits, and the health of its drive. */
-#ifndef HIL_GUARD_H
-#define HIL_GUARD_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -44,5 +43,3 @@ integer guard_check(
 
 /* Note a cycle without a measurement: the next position is more than a period away from the last. */
 void guard_skip(struct guard *guard);
-
-#endif

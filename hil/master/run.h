@@ -1,6 +1,5 @@
 /* A cycle of a run: set-points before the exchange, and the checks, the host's loops and the recording after it. */
-#ifndef HIL_RUN_H
-#define HIL_RUN_H
+#pragma once
 
 #include "cyclic.h"
 #include "guard.h"
@@ -92,5 +91,3 @@ integer begin_cycle(struct run *run, const struct stretch *stretch);
  * Returns IN_ORDER after a last cycle in order; what begin_cycle refuses, or end_cycle has found, after which no cycle
  * follows; or a number below 0: how far the cycle behind those that are done has come. */
 integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch);
-
-#endif

@@ -1,7 +1,5 @@
 """Accelerometer at the tip in a run: CANopen node or serial device."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -92,7 +90,7 @@ class TipAccelerometer(ABC):
 class CanopenSensor(TipAccelerometer):
     """A CANopen accelerometer (CiA 404) that answers each SYNC with a TPDO."""
 
-    def __init__(self, network: Network, node: int, profile: Profile) -> None:
+    def __init__(self, network: "Network", node: int, profile: Profile) -> None:
         self._network, self._node, self._profile = network, node, profile
         self.nodes = (node,)
         self._pdos = PdoSet(network, node)
@@ -135,7 +133,7 @@ class CanopenSensor(TipAccelerometer):
 class SerialSensor(TipAccelerometer):
     """An accelerometer on a serial port; time must be the wall clock's."""
 
-    def __init__(self, network: Network, reader: AccelerometerReader) -> None:
+    def __init__(self, network: "Network", reader: AccelerometerReader) -> None:
         self._network, self._reader = network, reader
 
     def open(self) -> None:
@@ -170,7 +168,7 @@ class JointsOnly(TipAccelerometer):
         return TipSource(TIP_BY_JOINTS)
 
 
-def sensor_of(table: AccelerometerTable, network: Network, clock: Clock) -> TipAccelerometer:
+def sensor_of(table: AccelerometerTable, network: "Network", clock: Clock) -> TipAccelerometer:
     """The accelerometer that a bench file names; nothing is sent or opened.
 
     Raises:

@@ -95,7 +95,6 @@ class Gathered:
 
     Attributes:
         runs: Identifications; one in several files appears once.
-        left_out: Files that were not read, with the reason.
     """
 
     runs: tuple[PassportRun, ...]

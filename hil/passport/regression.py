@@ -104,19 +104,14 @@ def expected(values: Real, errors: Real, design: Design, size: float | None = No
     own = np.var(first, axis=-1, ddof=1, keepdims=True) if first.shape[-1] > 1 else np.zeros(zero.shape)
     mean = np.mean(variance[..., :FEWEST_BEFORE], axis=-1, keepdims=True) if count else zero
     scatter = np.sqrt(own + mean + (BOTTOM * np.maximum(np.abs(zero), a)) ** 2 + 1e-300)
-    grid = np.exp(_grid(count))
+    wide, step = GRID_DECADES * math.log(10.0), min(SCATTER_STEP, 1.0 / math.sqrt(max(1, count)))
+    grid = np.exp(np.linspace(-wide, wide, 1 + 2 * math.ceil(wide / step)))
     tau2 = (scatter * np.tile(grid, len(FACTORS))) ** 2
     filter_ = _Filter(tau2, scatter, a, design)
     made = [filter_.step(x[..., i] - zero[..., 0], variance[..., i], i) for i in range(count)]
     middle, spread, weight = (np.stack([each[k] for each in made], axis=-2) if made else np.zeros((0, 1)) for k in range(3))
     middle[..., :FEWEST_BEFORE, :] = math.nan
     return Expected(middle + zero[..., None], spread, weight, filter_.m[..., 1:])
-
-
-def _grid(count: int) -> Real:
-    wide = GRID_DECADES * math.log(10.0)
-    step = min(SCATTER_STEP, 1.0 / math.sqrt(max(1, count)))
-    return np.linspace(-wide, wide, 1 + 2 * math.ceil(wide / step))
 
 
 class _Filter:

@@ -96,8 +96,6 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        temperature_c: Temperature in the note.
-        load_kg: Load in the note.
         direction: `forward` or `backward`; None for both together.
         joint_low_deg: Lower end of the joint's way; None if it is not known.
         pole_pairs: Pole pairs of the motor, from the bench file.

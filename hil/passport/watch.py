@@ -140,14 +140,10 @@ def trends(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str 
         for order in orders if limits is not None else ():
             found = [(run, line) for run in own for line in run.lines if line.order == order]
             for is_phase in (False, True):
-                kept = [pair for pair in found if not is_phase or _is_seen(pair[1])]
+                kept = [pair for pair in found if not is_phase or pair[1].a_arcsec >= SIGNIFICANT_SIGMAS * pair[1].a_error_arcsec]
                 if kept and limits is not None:
                     made.append(_trend(robot, axis, order, kept, limits, told[robot, axis, order], is_phase=is_phase))
     return made
-
-
-def _is_seen(line: OrderLine) -> bool:
-    return line.a_arcsec >= SIGNIFICANT_SIGMAS * line.a_error_arcsec
 
 
 def _conditions(run: PassportRun, line: OrderLine) -> Conditions:

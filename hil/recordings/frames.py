@@ -48,9 +48,6 @@ class FrameFile:
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.
 
-        The description is an EDS, DCF, XDD or DBC file, None if none was named; the node-ID is by default that of the
-        description.
-
         Raises:
             RecordingFileError: There is no description, or it maps nothing.
             MissingPackageError: The description needs a package that is not installed.

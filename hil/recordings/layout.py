@@ -39,7 +39,6 @@ class Said:
     Attributes:
         column: Names of columns by their role.
         description: What decodes frames of a bus; None for other formats.
-        node_id: Node-ID of the drive that has sent them.
     """
 
     column: Mapping[Role, str] = field(default_factory=dict)

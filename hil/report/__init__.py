@@ -1,9 +1,5 @@
 """Reports: one self-contained HTML file for each directory of results.
 
-`writer` writes the page of any directory. `pages` has a module for each kind of result, `figures` and `tables` their contents.
-`material` reads result and recordings, `plotted_run` draws runs, `style` is the look, `palette` its colours, `svg` what
-becomes of a figure in a page, and `paper` has the paper's numbers.
-
 >>> import datetime, tempfile
 >>> from pathlib import Path
 >>> from hil.bench.bench import load_bench

@@ -1,7 +1,4 @@
-"""Text from a forked copy of this process, made in parallel.
-
-Idle processors draw pictures in this way.
-"""
+"""Text from a forked copy of this process, made in parallel."""
 
 import os
 import sys

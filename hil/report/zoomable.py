@@ -79,8 +79,6 @@ class ZoomMap:
     """A map of colours.
 
     Attributes:
-        x: Ends of the abscissa.
-        y: Ends of the ordinate.
         values: Values in rows from the lowest ordinate up; shape (rows, columns), NaN for a missing value.
         top: Value of the strongest colour; the faintest is 0.
         colours: Names of its colours in the palette, from the faintest.
@@ -99,7 +97,6 @@ class ZoomPanel:
 
     Attributes:
         names: Names of abscissa and ordinate with their units.
-        x: Ends of the abscissa.
         is_square: True if both axes have one scale.
         right: Name of a second scale on the right, and how many of its units make one of the ordinate's; None without one.
     """

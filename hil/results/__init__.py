@@ -1,9 +1,5 @@
 """Result types of all commands, written and read as JSON files.
 
-`runs` has the result of `hil run`, `comparison` those of `hil compare` and of a tour, `learning`, `plant`, `ate` and
-`notch_design` those of `hil learn`, `hil identify` and `hil design`. `base` has their base classes, and `files` reads a file
-by its `kind`.
-
 >>> import tempfile
 >>> from pathlib import Path
 >>> from hil.results.base import RESULT_FILE

@@ -96,8 +96,6 @@ class FilterSet(NamedTuple):
     """Filters that acted together.
 
     Attributes:
-        treatments: Treatments in which they acted.
-        loop: Side that closed the loop around them.
         notches: The filters that follow the speed, by axis.
     """
 

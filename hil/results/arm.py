@@ -44,7 +44,6 @@ class ArmResult(Result):
     """Masses of an arm from several postures.
 
     Attributes:
-        started_utc: Instant of the evaluation, ISO 8601.
         line: Dips along the line motion; empty if they are not known.
         next_posture_deg: Joint angles, by axis, of the posture that would improve the fit most.
     """

@@ -91,7 +91,6 @@ class AteResult(MeasuredResult):
     Attributes:
         sensorless: True if motor torque and encoder alone were used.
         ate: Entry of the model file; None, like all below, where nothing was identified.
-        history: Standard errors after each pass.
         is_within_goal: True if the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
             that is not a spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
             The notes list those that are larger than asked.

@@ -84,12 +84,7 @@ class MadeRun(ResultPart):
 
 
 class MeasuredBench(ResultPart):
-    """Bench of a measurement: its file, bus, instant and versions.
-
-    Attributes:
-        clock: Clock of the bus: SYNCs, or the wall clock.
-        started_utc: Instant of the beginning, ISO 8601.
-    """
+    """Bench of a measurement: its file, bus, instant and versions."""
 
     name: str
     bus: str
@@ -123,12 +118,7 @@ def versions() -> dict[str, str]:
 
 
 class Result(_Written):
-    """Base of every result file.
-
-    Attributes:
-        schema_version: `schema` in the file.
-        kind: Command that has written the file.
-    """
+    """Base of every result file."""
 
     schema_version: Literal[2] = Field(SCHEMA, alias="schema")
     kind: str
@@ -163,7 +153,6 @@ class MeasuredResult(Result):
     Attributes:
         causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
-        not_restored: Objects that could not be restored in the nodes.
         drive_remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
         emulated: True if any node is emulated: then this is not a measurement; None if that is not known.
         emulated_parts: Axes and accelerometer that are emulated, if others are not, or do not answer.

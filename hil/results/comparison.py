@@ -34,11 +34,7 @@ class ComplianceFactors(ResultPart):
 
 
 class AxisCompliance(ResultPart):
-    """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
-
-    Attributes:
-        peak_hz: Frequency of the largest compliance.
-    """
+    """Compliance of one axis with one treatment, in rad/(N·m) at the motor."""
 
     axis: int
     treatment: str
@@ -54,9 +50,7 @@ class ComparisonRow(ResultPart):
     Attributes:
         axis: Axis of a constant-acceleration run, else None.
         tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
-        tip_peak_change_pct: Change of the peak against no treatment.
         spectrum_area: Area of the spectrum in the window in which the untreated run is worst, m/s²·Hz.
-        spectrum_area_change_pct: Change of the area against no treatment.
         trial: End of the trial of a cancellation, or of designed filters.
         compliance: Compliance that the treatment costs; None without a model.
         recording: Path of the CSV file, from the robot's directory.
@@ -130,7 +124,6 @@ class TourFact(ResultPart):
     """A drawn number of an emulated robot, and the identified one.
 
     Attributes:
-        truth: The robot's number.
         estimate: Number that was identified; None if it was not, or nothing identifies it.
     """
 
@@ -195,8 +188,6 @@ class TourPart(ResultPart):
         bench_file: Path of the bench file, from the tour's directory.
         failure: Reason why it ended early, or None.
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
-        seed: Seed by which the robot was drawn.
-        facts: True numbers of the robot beside the identified ones.
         notches: Predictions of the designs, by axis; None for a tour without any.
     """
 

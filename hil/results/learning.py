@@ -42,7 +42,6 @@ class LearntAxis(ResultPart):
 
     Attributes:
         reduction_fraction: Fraction by which the last pass' vibration is below the first's.
-        ate: Entry of the model file.
         left_out: Orders that are not in it, in words.
         kept: Orders that were known before, and that the passes did not better, in words.
         notes: Sentences for the engineer: orders that are seen and were not learnt, or are out of reach.

@@ -106,8 +106,6 @@ class NotchDesignResult(Result):
         orders: Orders k, in the order in which their filters were designed.
         speed_limit_rps: Largest motor speed at which the requirements must hold.
         f_al_hz: Peak of |G_al| without a filter.
-        requirements: Margins and tip peak to keep.
-        plants: Plants for which they must hold.
         reason: Reason why none does.
         usable: True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
         designed: Verdict on the designed filters; None if only the given ones were judged.

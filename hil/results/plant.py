@@ -80,7 +80,6 @@ class ExcitationPlan(ResultPart):
     Attributes:
         excitation: Signal to which it was added: `torque` or `reference`.
         amplitude_nm: Peak of the excitation, as a torque at the motor.
-        crest_factor: Peak over root mean square.
         travel_rev: Ends of the travel, in motor revolutions.
     """
 
@@ -140,11 +139,9 @@ class PlantResult(MeasuredResult):
 
     Attributes:
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
-        parameters: Every number with its standard error, by name.
         modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
         tip_response: Tip acceleration per motor angle; None without an accelerometer.
-        identified: Entry of the model file.
     """
 
     kind: Literal["identify-plant"] = "identify-plant"

@@ -175,7 +175,6 @@ class RingingMode(ResultPart):
     """Ringing of a mode after a stop: `hil.design.modes.ring_down`.
 
     Attributes:
-        frequency_hz: Its undamped frequency.
         amplitude_mm: Amplitude of the tip when the set-points stop.
     """
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drive_profiles.eds.description import Description
 from drive_profiles.family.profile import Profile
-from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
+from drive_profiles.standard.cia301 import FunctionCode, NmtCommand, NmtState
 from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
 from hil.can.listening import ReceivedFrames
@@ -68,7 +68,6 @@ def derived(
 
 CYCLES_WITHOUT_SYNC = 50
 """Frames of the identifier that comes most often after which they stand for SYNCs, where there are none."""
-OPERATIONAL = 5
 GAP_CYCLES = 5.0
 """Cycles without SYNC that are said to be a gap."""
 DOWNLOADED = 0x60
@@ -280,7 +279,7 @@ class SignalDecoder:
             if int(one["can_id"]) == 0:
                 found += self._commanded(time_s, data & 0xFF, data >> 8 & 0xFF)
             elif int(one["can_id"]) & ~0x7F == FunctionCode.HEARTBEAT:
-                self._operational[node] = data & 0x7F == OPERATIONAL
+                self._operational[node] = data & 0x7F == NmtState.OPERATIONAL
             else:
                 code = data & 0xFFFF
                 found.append(

@@ -24,7 +24,7 @@ from hil.master.drive.needs import Need
 from hil.master.drive.scale import OverheardQuestions, read_scaling
 from hil.scope.signals import Signal, SignalQuantity
 
-_USER_UNITS = (0x607E, 0x60A8, 0x60A9)
+_USER_UNITS = (Object.POLARITY, Object.SI_UNIT_POSITION, Object.SI_UNIT_VELOCITY)
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,6 @@ class Scales:
     """Scales of a drive.
 
     None if a scale is not known; the numbers are then shown as they are.
-
-    Attributes:
-        rev_per_count: Motor revolutions per unit of position.
-        rps_per_count: Motor revolutions per second per unit of speed.
     """
 
     rev_per_count: float | None = None
@@ -86,7 +82,6 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
 
 TARGET = "target"
 """Name of the set-point of a position, from which the following error is made; it has no figure of its own."""
-_SPEED, _FOLLOWING_ERROR = 0x606C, 0x60F4
 
 
 @dataclass(frozen=True)
@@ -146,8 +141,8 @@ def _of_drive(node: Node, number: int, table: AxisTable | None) -> Iterable[Fram
     known: tuple[tuple[int, SignalQuantity, float | None, str, str], ...] = (
         (Object.STATUS_WORD, SignalQuantity.STATUS_WORD, 1.0, "", ""),
         (Object.POSITION_ACTUAL, SignalQuantity.POSITION, turns, "rev", "counts"),
-        (_SPEED, SignalQuantity.SPEED, speed, "rev/s", "counts/s"),
-        (_FOLLOWING_ERROR, SignalQuantity.FOLLOWING_ERROR, turns, "rev", "counts"),
+        (Object.VELOCITY_ACTUAL, SignalQuantity.SPEED, speed, "rev/s", "counts/s"),
+        (Object.FOLLOWING_ERROR_ACTUAL, SignalQuantity.FOLLOWING_ERROR, turns, "rev", "counts"),
         (Object.TORQUE_ACTUAL, SignalQuantity.TORQUE, torque, "N·m", "‰"),
     )
     for index, quantity, factor, unit, raw in known:

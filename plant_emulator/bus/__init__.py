@@ -2,9 +2,6 @@
 
 It keeps frames in order, either without bit times or with bit times, arbitration and errors.
 
-`bus.server` serves a world on a Unix socket, `bus.interface` joins it with python-can, `bus.attach` puts a world on a real bus.
-In one process `bus.in_process.InProcessChannel` is the whole bus. `bus.wire` is the wire with bit times, `bus.faults` its faults.
-
     >>> from hil.can.frame import Frame
     >>> from plant_emulator.bus.in_process import InProcessChannel
     >>> from plant_emulator.robots.robot import load_robot

@@ -1,7 +1,5 @@
 """One attempt to send on the bus.
 
-It has senders, winners, a duration, and errors that are counted.
-
 Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error frames), 12.1.4 (fault confinement).
 """
 
@@ -83,7 +81,6 @@ class Attempt:
     """Attempt to send, from its first bit on.
 
     Attributes:
-        start: SOF.
         senders: Frames that start together; more than one where their identifiers are equal.
         winners: Those whose frame is delivered; none where an error frame ends it.
         failed: Those of the senders who count a transmit error.

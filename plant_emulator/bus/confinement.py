@@ -1,7 +1,5 @@
 """Fault confinement of all controllers of a bus.
 
-It counts errors, and puts controllers bus-off and back on the bus.
-
 Source: ISO 11898-1:2015, 12.1.4 (CAN 2.0 specification, part B, clause 8); the counters themselves are `controller`'s.
 """
 
@@ -62,8 +60,6 @@ class Confinement:
         """Count the errors while the bus is stuck dominant.
 
         The attempt fails, and counters rise with every eight bits (rule f).
-
-        All of it is counted at the beginning.
 
         Args:
             at: Beginning of the dominant level, in ns.

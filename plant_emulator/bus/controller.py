@@ -29,8 +29,6 @@ class Controller:
     Every change returns True if it has put the controller bus-off.
 
     Attributes:
-        tec: Transmit error counter.
-        rec: Receive error counter.
         state: Error state that follows from both counters.
     """
 

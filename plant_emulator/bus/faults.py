@@ -16,8 +16,6 @@ by fault in the order of the file, so the result does not depend on when the bus
 bus for a time: mute, babble, stuck, bus_off. Times count in the time of the wire.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal, NamedTuple, Self
@@ -183,7 +181,7 @@ class FaultsFile(Table):
     seed: Annotated[int, Field(ge=0)] = 0
     fault: tuple[Fault, ...] = ()
 
-    def faults(self) -> BusFaults:
+    def faults(self) -> "BusFaults":
         """Return the fault source for a new wire."""
         return BusFaults(self.fault, self.seed)
 

@@ -1,6 +1,5 @@
 /* Length of classic CAN frames in bits on the wire; hil.can.bits has the layout. */
-#ifndef PLANT_FRAME_BITS_H
-#define PLANT_FRAME_BITS_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -14,5 +13,3 @@ enum { INTERMISSION_BITS = 3, MOST_FRAME_BITS = 34 + 64 + (34 + 64 - 1) / 4 + 10
  * start is the first bit of the first frame, bit_ns the time of a bit. ends becomes the end of frame of each of count records, after
  * which an intermission follows; what is no such frame takes no bits. */
 void frames_end(const uint8_t *records, integer count, integer start, integer bit_ns, integer *ends);
-
-#endif

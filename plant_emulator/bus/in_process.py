@@ -208,10 +208,7 @@ class InProcessChannel(OneByOne):
         return frames
 
     def close(self) -> None:
-        """Leave; the next SYNC takes the clock again.
-
-        Calling it again is allowed.
-        """
+        """Leave; the next SYNC takes the clock again."""
         self._has_clock = False
 
     def _check(self) -> None:

@@ -23,7 +23,6 @@ class LocalBus(can.BusABC):
     Args:
         channel: Path of the socket.
         can_filters: Filters as python-can takes them; applied in Python.
-        **kwargs: Further arguments that python-can passes to every bus.
 
     Raises:
         can.CanInitializationError: No server runs at the path.

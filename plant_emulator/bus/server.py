@@ -51,7 +51,6 @@ class Server:
             medium: The medium between world and clients; left out, frames arrive at once and in order.
             path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
-            now_ns: The monotonic clock.
             say: Called with a warning each time the world has fallen behind the clock.
 
         Raises:

@@ -11,6 +11,7 @@ import typer
 from drive_profiles.cli.completion import AxisCompleter, complete_reference
 from drive_profiles.cli.console import ToolExitStatus, epilog, fail, table
 from drive_profiles.cli.entry import interrupted
+from drive_profiles.errors import DriveProfileError
 
 if TYPE_CHECKING:  # --help must not wait for it
     from hil.report.report_table import ReportTable
@@ -61,8 +62,6 @@ def exit_on_error() -> Iterator[None]:
 
     Any other error keeps its traceback.
     """
-    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
-
     try:
         yield
     except KeyboardInterrupt as error:
@@ -83,8 +82,6 @@ def exit_on_value_error(file: str | None = None) -> Iterator[None]:
     Args:
         file: The file whose contents are to blame; None: an option is.
     """
-    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
-
     try:
         yield
     except DriveProfileError:  # some are a ValueError as well, and name their file themselves

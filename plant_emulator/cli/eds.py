@@ -46,8 +46,8 @@ def eds(
 
         plant-emulator eds --robot robot.toml --drive 3=kollmorgen_akd --out eds
     """
-    from plant_emulator.data_sheets import data_sheets, data_sheets_of  # noqa: PLC0415 - --help must not wait for numpy
-    from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
+    from plant_emulator.data_sheets import data_sheets, data_sheets_of
+    from plant_emulator.robots.robot import load_robot, with_drives
 
     drives = by_axis("--drive", drive)
     if drives and robot is None:

@@ -1,7 +1,5 @@
 """plant-emulator fleet: robots drawn by seed, with bench files."""
 
-# ruff: noqa: PLC0415 - the robots are imported inside the command, so that --help stays quick
-
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal

@@ -1,7 +1,5 @@
 """plant-emulator following: tracking cancellations on drawn robots."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 import csv
 from collections.abc import Iterator
 from dataclasses import astuple, fields

@@ -1,7 +1,5 @@
 """Options of the commands that run many trials: where they run, and in how many processes."""
 
-# ruff: noqa: PLC0415 - the executors are imported inside the command, so that --help stays quick
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """plant-emulator rehearse: the documented path on many drawn robots."""
 
-# ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

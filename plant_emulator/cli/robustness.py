@@ -1,7 +1,5 @@
 """plant-emulator robustness: many plants against the specification."""
 
-# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
-
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,7 +27,6 @@ from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 if TYPE_CHECKING:
     from hil.control.notch import Notch
     from hil.report.report_table import ReportTable
-    from plant_emulator.robots.robot import Robot
     from plant_emulator.robots.tuning import TunedAxis
     from plant_emulator.studies.robustness import Study
     from plant_emulator.studies.summary import Summary
@@ -134,7 +131,11 @@ def robustness(
         model = load_robot(robot)
         tuned = own_tuning(robot, model) if tuning is None else dict(load_tuning(tuning).axis)
         filters = _filters(tuned, notch)
-        numbers: list[int | None] = [None] if is_line else [*_axes(axis, model, filters)]
+        numbers: list[int | None] = [None]
+        if not is_line and axis is not None:
+            numbers = [*axis_numbers(axis, model)]
+        elif not is_line:
+            numbers = [number for number in sorted(model.axis) if number in filters] or [*sorted(model.axis)]
         if with_filters:
             _check_filters(numbers, filters, notch)
         controls = {number: each.control for number, each in tuned.items() if each.control is not None}
@@ -160,12 +161,6 @@ def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[in
     if designed is not None:
         tables |= {number: each.notch for number, each in load_tuning(designed).axis.items()}
     return {number: tuple(table.notch() for table in each) for number, each in tables.items() if each}
-
-
-def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int]:
-    if given is None:
-        return [number for number in sorted(model.axis) if number in filters] or sorted(model.axis)
-    return axis_numbers(given, model)
 
 
 def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object], designed: Path | None) -> None:

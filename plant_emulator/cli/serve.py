@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.address import BUS_VARIABLE, LOCAL, Address, AddressError, BusChoice, choose_bus, parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
+from drive_profiles.errors import FileError
 from plant_emulator.cli.console import (
     AXES,
     EmulatorExitStatus,
@@ -25,7 +26,6 @@ from plant_emulator.cli.console import (
 )
 
 if TYPE_CHECKING:  # --help must not wait for them
-    from drive_profiles.address import Address
     from plant_emulator.bus.attach import Attachment
     from plant_emulator.bus.server import Server
     from plant_emulator.robots.robot import Robot
@@ -167,9 +167,9 @@ def serve(
         load_encoder_bits=load_encoder_bits, seed=seed,
     )  # fmt: skip
 
-    from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for numpy
-    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer, MeasuredWorld  # noqa: PLC0415
-    from plant_emulator.world import World  # noqa: PLC0415
+    from plant_emulator.announcement import announced
+    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer, MeasuredWorld
+    from plant_emulator.world import World
 
     sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing)
     with exit_on_error(), exit_on_value_error(robot):
@@ -197,7 +197,7 @@ def _robot(
     seed: int | None,
 ) -> "Robot":
     """Return the robot of a file with the changes that the options ask for."""
-    from plant_emulator.robots.robot import load_robot, part_of, with_drives  # noqa: PLC0415
+    from plant_emulator.robots.robot import load_robot, part_of, with_drives
 
     with exit_on_error(), exit_on_value_error():
         model = load_robot(robot)
@@ -205,7 +205,7 @@ def _robot(
             model = part_of(model, axis_numbers(axes, model))
         model = with_drives(model, drives, eds=eds, store_time_s=store_time_s, load_encoder_bits=load_encoder_bits)
         if tuning is not None:
-            from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
+            from plant_emulator.robots.tuning import load_tuning, tuned
 
             model = tuned(model, load_tuning(tuning).gains(model.axis))
     return model if seed is None else model.model_copy(update={"seed": seed})
@@ -225,7 +225,7 @@ def _run(server: "Server | Attachment") -> None:
     What has been made until now lives as long as the process, so the garbage collector passes it over from here on: to go through
     the 200 000 objects of a served robot takes it 150 ms, in which the bus is silent.
     """
-    from hil.can.errors import BusLostError  # noqa: PLC0415
+    from hil.can.errors import BusLostError
 
     sys.stdout.flush()
     gc.freeze()
@@ -236,8 +236,7 @@ def _run(server: "Server | Attachment") -> None:
 
 
 def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
-    from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address  # noqa: PLC0415
-    from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
+    from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint
 
     try:
         choice = choose_bus(bus) or BusChoice(DEFAULT_BUS, "the default")
@@ -260,21 +259,19 @@ def _server(
     world: "World", address: "Address", *, wall: bool, host_latency_s: float, faults_file: Path | None, stream: bool
 ) -> "Server | Attachment":
     """Return the local bus around a world, or its attachment."""
-    from drive_profiles.address import LOCAL  # noqa: PLC0415
-    from drive_profiles.errors import FileError  # noqa: PLC0415
-    from drive_profiles.files.toml import load  # noqa: PLC0415
-    from hil.can.errors import BusUnavailableError  # noqa: PLC0415
-    from hil.can.opening import open_channel  # noqa: PLC0415
-    from plant_emulator.bus.attach import Attachment  # noqa: PLC0415
-    from plant_emulator.bus.medium import medium_for  # noqa: PLC0415
-    from plant_emulator.bus.server import Server  # noqa: PLC0415
+    from drive_profiles.files.toml import load
+    from hil.can.errors import BusUnavailableError
+    from hil.can.opening import open_channel
+    from plant_emulator.bus.attach import Attachment
+    from plant_emulator.bus.medium import medium_for
+    from plant_emulator.bus.server import Server
 
     try:
         if address.interface == LOCAL:
             faults = None
             if faults_file is not None:
-                from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
-                from plant_emulator.bus.instant import FIRST_CLIENT  # noqa: PLC0415
+                from plant_emulator.bus.faults import FaultsFile
+                from plant_emulator.bus.instant import FIRST_CLIENT
 
                 file = load(faults_file, FaultsFile)
                 file.check_ports(world.node_ids, FIRST_CLIENT)
@@ -304,10 +301,10 @@ def _open_ports(
     """Open the serial ports beside the bus; `ports` closes them."""
     if slcan is None and accelerometer is None:
         return
-    from hil.can.local import connect_local  # noqa: PLC0415
-    from plant_emulator.serial.accelerometer import LINE_BYTES  # noqa: PLC0415
-    from plant_emulator.serial.pseudo_terminal import PseudoTerminal  # noqa: PLC0415
-    from plant_emulator.serial.slcan import SlcanPort  # noqa: PLC0415 - a system without terminals serves without them
+    from hil.can.local import connect_local
+    from plant_emulator.serial.accelerometer import LINE_BYTES
+    from plant_emulator.serial.pseudo_terminal import PseudoTerminal
+    from plant_emulator.serial.slcan import SlcanPort  # a system without terminals serves without them
 
     try:
         if slcan is not None:
@@ -324,8 +321,8 @@ def _open_ports(
 
 def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
     """Open the bus over TCP if requested; the server closes it."""
-    from plant_emulator.bus.server import Server  # noqa: PLC0415
-    from plant_emulator.bus.virtualcan import VirtualcanListener  # noqa: PLC0415
+    from plant_emulator.bus.server import Server
+    from plant_emulator.bus.virtualcan import VirtualcanListener
 
     if endpoint is None or not isinstance(server, Server):
         return

@@ -29,11 +29,11 @@ def simulate(
 
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """
-    from plant_emulator.robots.robot import load_robot  # noqa: PLC0415 - --help must not wait for numpy
-    from plant_emulator.robots.tuning import own_tuning  # noqa: PLC0415
-    from plant_emulator.studies.simulate import axis_columns  # noqa: PLC0415
-    from plant_emulator.studies.simulate import simulate as run  # noqa: PLC0415
-    from plant_emulator.trials.rows import columns_csv  # noqa: PLC0415
+    from plant_emulator.robots.robot import load_robot
+    from plant_emulator.robots.tuning import own_tuning
+    from plant_emulator.studies.simulate import axis_columns
+    from plant_emulator.studies.simulate import simulate as run
+    from plant_emulator.trials.rows import columns_csv
 
     with exit_on_error():
         model = load_robot(robot)

@@ -1,6 +1,5 @@
 /* All of the emulator's core that Python calls. */
-#ifndef PLANT_CORE_H
-#define PLANT_CORE_H
+#pragma once
 
 #include "plant_emulator/bus/frame_bits.h"
 #include "plant_emulator/image/image.h"
@@ -12,5 +11,3 @@
 
 /* Digest of the sources that this library was built from, in hexadecimal. */
 const char *core_sources(void);
-
-#endif

@@ -49,10 +49,6 @@ from plant_emulator.slave.dictionary import Cell, ReadHook, ResetKind
 from plant_emulator.slave.node import SlaveNode
 
 
-def _check_homing_method(method: int) -> SdoAbortCode | None:
-    return None if method in {0, *HOMING_METHODS} else SdoAbortCode.INVALID_VALUE
-
-
 def option_codes(family: DriveFamily, behaviour: Behaviour) -> Callable[[], Options]:
     """Return what gives the option codes in force, 605Ah to 605Eh.
 
@@ -61,7 +57,8 @@ def option_codes(family: DriveFamily, behaviour: Behaviour) -> Callable[[], Opti
     """
     dictionary = family.dictionary
     if not family.states((Object.HOMING_METHOD, 0)):
-        dictionary.on_write(Object.HOMING_METHOD, 0, _check_homing_method)
+        known = {0, *HOMING_METHODS}
+        dictionary.on_write(Object.HOMING_METHOD, 0, lambda method: None if method in known else SdoAbortCode.INVALID_VALUE)
     codes = Object.QUICK_STOP_OPTION, Object.SHUTDOWN_OPTION, Object.DISABLE_OPERATION_OPTION, Object.FAULT_REACTION_OPTION
     cells: list[Any] = [dictionary.cell(code) for code in codes]
     return lambda: Options._make((*(cell.value for cell in cells), behaviour.quick_stop_ends_disabled_at_once))

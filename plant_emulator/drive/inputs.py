@@ -112,7 +112,6 @@ class DigitalInputs:
 
         Args:
             inputs: Bits of `plant_emulator.motion.record`: NEGATIVE_SWITCH and so on.
-            active: True to force them, False to release them.
 
         Raises:
             ValueError: There are no such inputs.

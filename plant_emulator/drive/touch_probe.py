@@ -108,19 +108,18 @@ class TouchProbes:
     def __init__(self, dictionary: Dictionary, inputs: DigitalInputs, to_user: Callable[[float], int]) -> None:
         """Bind 60B8h, 60B9h and 60D0h."""
         self._dictionary = dictionary
-        self._probes = tuple(TouchProbe(number, dictionary, inputs, to_user) for number in (1, 2))
+        self._probes = first, second = tuple(TouchProbe(number, dictionary, inputs, to_user) for number in (1, 2))
         dictionary.on_write(Object.TOUCH_PROBE_FUNCTION, 0, self._write_function)
-        dictionary.on_read(Object.TOUCH_PROBE_STATUS, 0, self._status)
+        dictionary.on_read(Object.TOUCH_PROBE_STATUS, 0, lambda: first.status | second.status << 8)
         for number in (1, 2):
-            dictionary.on_write(Object.TOUCH_PROBE_SOURCE, number, _refuse_unknown)
+            # 60D0h takes effect with the next 60B8h, so it is written first
+            dictionary.on_write(
+                Object.TOUCH_PROBE_SOURCE, number, lambda source: None if source in SOURCES else SdoAbortCode.INVALID_VALUE
+            )
 
     def reset(self) -> None:
         """Apply 60B8h, after a reset."""
         self._set(self._dictionary.get_int(Object.TOUCH_PROBE_FUNCTION))
-
-    def _status(self) -> int:
-        first, second = self._probes
-        return first.status | second.status << 8
 
     def _write_function(self, value: int) -> SdoAbortCode | None:
         if any(value >> shift + SOURCE_SHIFT & 3 == RESERVED for shift in (0, 8)):
@@ -140,11 +139,3 @@ class TouchProbes:
                     source = self._dictionary.get_int(Object.TOUCH_PROBE_SOURCE, probe.number)
                     sources = SOURCES.get(source, _PROBE[probe.number])
             probe.set_function(function, sources)
-
-
-def _refuse_unknown(source: int) -> SdoAbortCode | None:
-    """Refuse an unknown source in 60D0h.
-
-    60D0h takes effect with the next 60B8h, so it is written first.
-    """
-    return None if source in SOURCES else SdoAbortCode.INVALID_VALUE

@@ -4,8 +4,7 @@
  * that are listed here. Its dictionary keeps the values that PDOs bring in struct process, so that it does not matter who has
  * written them: this file or the slave in Python.
  */
-#ifndef PLANT_IMAGE_H
-#define PLANT_IMAGE_H
+#pragma once
 
 #include "plant_emulator/bus/frame_bits.h"
 #include "plant_emulator/motion/period.h"
@@ -130,5 +129,3 @@ void pass_message(struct course *course, const uint8_t *message, integer records
 
 /* Let the answers to the last SYNC pass, and control periods up to until; ends as above. */
 void pass_answers(struct course *course, integer until, integer bit_ns, integer *ends);
-
-#endif

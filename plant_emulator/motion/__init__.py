@@ -1,7 +1,5 @@
 """The control period of all axes, `advance` of `period.h`.
 
-It runs set-points, servo law, limits and plant.
-
 `motion.axes.Axes` holds the arrays. Here axis 2 opens its brake and gets a set-point 100 counts ahead, which the demand
 reaches after one interpolation period of 8 control periods:
 

@@ -85,15 +85,8 @@ class Axes:
     Attributes:
         numbers: Axis number of each row.
         rows: `AXIS` array, shape (n_axes,): all that the compiled period works on. The others are views of its fields.
-        plant: `PLANT` array, shape (n_axes,).
-        plant_state: `PLANT_STATE` array, shape (n_axes,).
-        motion: `MOTION` array, shape (n_axes,).
-        cascade_config: `CASCADE_CONFIG` array, shape (n_axes,).
-        cascade_state: `CASCADE_STATE` array, shape (n_axes,).
-        notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
-        notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
+        notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES), and so is `notch_state`.
         processes: `PROCESS` array, shape (n_axes,): the drives' values as PDOs bring them.
-        tip: The tip that the axes move.
         shared: All that the compiled periods work on.
         arm: The arm whose links couple the axes; None if each turns an inertia of its own.
     """
@@ -182,7 +175,6 @@ class Axes:
         The same as `set_point` and `advance` in turn.
 
         Args:
-            rows: The axes.
             set_points: In counts; shape (n, axes).
             periods: Control periods from one set-point to the next.
         """

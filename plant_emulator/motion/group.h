@@ -1,6 +1,5 @@
 /* A group of axes over some control periods: one, or up to four in lock-step, see lanes.h. */
-#ifndef PLANT_GROUP_H
-#define PLANT_GROUP_H
+#pragma once
 
 #include "period.h"
 #include "plant_emulator/physics/rates.h"
@@ -65,5 +64,3 @@ INLINED LANED void advance_group(integer periods, real period_s, integer substep
         m->wake = m->trip != 0 || m->event != 0;
     }
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* The control period of all axes of a robot: set-points, servo law, limits and plant. */
-#ifndef PLANT_PERIOD_H
-#define PLANT_PERIOD_H
+#pragma once
 
 #include "plant_emulator/physics/flexible.h"
 #include "plant_emulator/physics/integration.h"
@@ -113,5 +112,3 @@ enum { TRACE_COUNTS, TRACE_ARM_ANGLE, TRACE_TORQUE, TRACE_COLUMNS };
 void follow(
     const struct mechanics *const *robots, integer number, integer periods, integer samples, const integer *rows, integer moving, const real *set_points,
     real *trace, real *tips, real *sensed);
-
-#endif

@@ -1,6 +1,5 @@
 /* A drive's process data: what the object dictionary and the control period say to each other, in SI and counts. */
-#ifndef PLANT_RECORD_H
-#define PLANT_RECORD_H
+#pragma once
 
 #include "hil/control/servo.h"
 #include "plant_emulator/physics/axis.h"
@@ -181,5 +180,3 @@ struct axis {
     struct past past;
     struct encoder encoder;
 };
-
-#endif

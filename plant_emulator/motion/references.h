@@ -1,6 +1,5 @@
 /* Demands of a control period: interpolated set-points, profiles and ramps. */
-#ifndef PLANT_REFERENCES_H
-#define PLANT_REFERENCES_H
+#pragma once
 
 #include "record.h"
 
@@ -30,5 +29,3 @@ real profile_torque(const struct motion *motion, real period_s);
 
 /* One period of the ramp to rest. */
 void ramp_down(struct motion *motion, real period_s);
-
-#endif

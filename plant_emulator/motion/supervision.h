@@ -1,6 +1,5 @@
 /* Limits, windows and inputs of an axis: what is broken, what is reached, and where the encoder stood at each edge. */
-#ifndef PLANT_SUPERVISION_H
-#define PLANT_SUPERVISION_H
+#pragma once
 
 #include "record.h"
 
@@ -15,5 +14,3 @@ void watch_windows(struct motion *motion, real speed, real angle);
  * A switch's edge lies where the switch does, as a capture unit in hardware has it; an input that is forced changes where the
  * motor stands. Of several equal edges the first is kept until its bit of edges is cleared. The first look makes no edges. */
 void watch_inputs(struct motion *motion, real counts);
-
-#endif

@@ -1,6 +1,5 @@
 /* Transitions of an axis under torque to another mode, or to a stop, without a jump of the torque. */
-#ifndef PLANT_TRANSITIONS_H
-#define PLANT_TRANSITIONS_H
+#pragma once
 
 #include "record.h"
 
@@ -27,5 +26,3 @@ void begin_mode(struct axis *axis, integer mode);
  * stop_periods counts the periods without progress: limits may leave too little torque for a stop. previous_integral_nm is the
  * integrator before this period. Returns the torque in N m. */
 real brake_hard(struct axis *axis, real previous_integral_nm);
-
-#endif

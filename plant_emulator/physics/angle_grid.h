@@ -5,8 +5,7 @@
  * are; the last digit of an arm angle of 1 rad, times K_g, is 1e-11 N m. A control period seldom leaves its grid angles. Which
  * they are follows from the state alone, so that a run in many pieces gives the bits of a run in one.
  */
-#ifndef PLANT_ANGLE_GRID_H
-#define PLANT_ANGLE_GRID_H
+#pragma once
 
 #include "axis.h"
 #include "hil/control/waves.h"
@@ -71,5 +70,3 @@ void find_constants(const struct plant *plant, struct constants *constants, stru
 
 /* Give an axis the transmission error of a plant. */
 void take_error(const struct plant *plant, struct constants *constants, struct grid_point *near);
-
-#endif

@@ -6,8 +6,7 @@
  *
  * Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 2 and 7.
  */
-#ifndef PLANT_ARTICULATED_H
-#define PLANT_ARTICULATED_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -42,5 +41,3 @@ void accelerations(struct link *links, integer count, real *joints);
 
 /* Torques that hold an arm at rest against gravity: JOINT_TORQUE is written, JOINT_ANGLE alone is read. */
 void holding_torques(struct link *links, integer count, real *joints);
-
-#endif

@@ -12,8 +12,7 @@
  *
  * Source: the paper, Fig. 3, eq. (1) and (2).
  */
-#ifndef PLANT_AXIS_H
-#define PLANT_AXIS_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -80,5 +79,3 @@ real cogging(const struct plant *plant, real motor_angle);
 
 /* Put a braked axis at rest under gravity: the gear carries the load, so theta_l hangs below theta_m/N + theta_sync. */
 void hang_at_rest(const struct plant *plant, struct plant_state *state);
-
-#endif

@@ -3,8 +3,7 @@
  * The plant's amplitudes and phases are those of the instant. A gear that changes has them put anew after each control period,
  * from the values that it left the factory with and from what it has gone through since; over the period they are held.
  */
-#ifndef PLANT_CHANGING_H
-#define PLANT_CHANGING_H
+#pragma once
 
 #include "axis.h"
 
@@ -65,5 +64,3 @@ void go_through(
  *     A_k = A_k0 (1 + g t + w n + a_L t_L + a_s s + a_H (H - H_0)), not below 0
  *     phi_k = phi_k0 + step (from t_s on) + d t + b_L t_L + b_s s + b_H (H - H_0) */
 void put_error(const struct change *change, const struct past *past, struct plant *plant);
-
-#endif

@@ -4,8 +4,7 @@
  *
  * The drive counts from what it saw at theta_m = 0. An error of order k is seen by the loop as if the motor were there: the motor
  * follows it the other way round, so at the arm it is a transmission error of order k and amplitude E_k / N. */
-#ifndef PLANT_ENCODER_H
-#define PLANT_ENCODER_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -32,5 +31,3 @@ INLINED real shown_angle(const struct encoder *e, real angle)
 
 /* Draw the noise of the next control period, where there is any: Gaussian, white. */
 void draw_noise(struct encoder *e);
-
-#endif

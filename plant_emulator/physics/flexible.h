@@ -6,8 +6,7 @@
  * Source: M. W. Spong, Modeling and Control of Elastic Joint Robots, ASME Journal of Dynamic Systems, Measurement, and Control
  * 109, 1987.
  */
-#ifndef PLANT_FLEXIBLE_H
-#define PLANT_FLEXIBLE_H
+#pragma once
 
 #include "angle_grid.h"
 #include "articulated.h"
@@ -37,5 +36,3 @@ void flexible_period(const struct flexible *arm, real period_s, integer substeps
 
 /* Everything that follows from the plane STATE: its rates in SLOPE, and the links as they move. */
 void flexible_rest(const struct flexible *arm);
-
-#endif

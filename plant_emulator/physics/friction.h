@@ -1,6 +1,5 @@
 /* Friction of a motor. */
-#ifndef PLANT_FRICTION_H
-#define PLANT_FRICTION_H
+#pragma once
 
 #include "lanes.h"
 
@@ -30,5 +29,3 @@ INLINED LANED lanes friction(lanes coulomb_nm, lanes rise_nm, lanes per_stribeck
     }
     return signed_as(level, speed);
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* One axis over time: classical Runge-Kutta with fixed sub-steps, one control period after the other. */
-#ifndef PLANT_INTEGRATION_H
-#define PLANT_INTEGRATION_H
+#pragma once
 
 #include "angle_grid.h"
 
@@ -33,5 +32,3 @@ real arm_acceleration(const struct prepared *prepared, const struct plant_state 
 /* plant_period of one axis by itself, and the arm's acceleration after it: where tests compare the plant with other solvers. */
 void plant_step(
     const struct plant *plant, struct plant_state *state, real command, int braked, real period_s, integer substeps);
-
-#endif

@@ -3,8 +3,7 @@
  * A source that defines FOUR_LANES before it includes anything works on four axes, each in a lane of a vector. It needs a processor
  * with AVX2; there two vectors take hardly longer than two numbers, and what waits for one axis works on the others.
  */
-#ifndef PLANT_LANES_H
-#define PLANT_LANES_H
+#pragma once
 
 #include "angle_grid.h"
 
@@ -257,5 +256,3 @@ INLINED LANED const struct lane_constants *constants_of(const struct group *g)
     return g->own;
 #endif
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* The pose of an axis, its rates, and its control period: classical Runge-Kutta with fixed sub-steps. For one axis or for several in
  * lock-step, see lanes.h. */
-#ifndef PLANT_RATES_H
-#define PLANT_RATES_H
+#pragma once
 
 #include "friction.h"
 
@@ -96,5 +95,3 @@ INLINED LANED void run_period(
     *pose = here;
     *x = s;
 }
-
-#endif

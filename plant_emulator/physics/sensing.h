@@ -6,8 +6,7 @@
  * Both are bilinear with their own frequency kept (prewarped). The delay is exact in whole control periods; fractions are
  * interpolated by the cubic through the four samples around them.
  */
-#ifndef PLANT_SENSING_H
-#define PLANT_SENSING_H
+#pragma once
 
 #include "hil/control/real.h"
 
@@ -27,5 +26,3 @@ struct sections {
  * ring holds the latest size filtered samples, size at least first + 4; tip holds true accelerations, one row of CHANNELS per
  * control period; sensed becomes the output after the last of them. */
 void sense(struct sections *sections, real *ring, integer size, const real *tip, integer periods, real *sensed);
-
-#endif

@@ -32,10 +32,8 @@ class SensorResponse:
 
     Args:
         period_s: Sampling period of the true acceleration, the control period.
-        delay_s: Delay of the output.
         lowpass_hz: Corner of the low-pass; None for none.
         mounting_resonance_hz: Resonance of the mounting; None for a stiff one.
-        mounting_damping: Its damping ratio.
 
     Attributes:
         shared: Sections, ring and output of `sense`, in C.

@@ -1,6 +1,5 @@
 /* Acceleration at the tip, and what its accelerometer shows of it. */
-#ifndef PLANT_TIP_H
-#define PLANT_TIP_H
+#pragma once
 
 #include "plant_emulator/physics/sensing.h"
 
@@ -53,5 +52,3 @@ void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown
 
 /* sample_tip for some samples, for which there is noise; both are rows of CHANNELS. */
 void sample_tips(struct tip_sensor *sensor, integer samples, const real *accelerations, real *shown);
-
-#endif

@@ -1,6 +1,5 @@
 /* Motion of an arm's tip, and what an accelerometer feels that is fixed to a link of the arm. */
-#ifndef PLANT_TOOL_H
-#define PLANT_TOOL_H
+#pragma once
 
 #include "articulated.h"
 
@@ -20,5 +19,3 @@ void tool_motion(const struct link *links, integer number, const real *tool, rea
  * tip is the acceleration of the tip in the frame of the base, which an ideal sensor shows; room holds TOOL_ROWS rows; count
  * links follow the base. */
 void feel(const struct link *links, integer count, const real *sensor, const real *tip, real *room, real *felt);
-
-#endif

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, CAN_SFF_MASK, Frame
+from hil.can.frame import Frame
 from hil.master.motion import RunResult
-from hil.recording import BusLog, Logged, Recording, frames_in
+from hil.recording import BusLog, Logged, LoggedFrame, Recording, frames_in
 
 MAX_FRAMES = 100_000
 """Frames that are kept of a test, the latest; some 4 MB of text."""
@@ -52,15 +52,11 @@ class FrameLog(BusLog):
 
     def save(self, path: Path) -> None:
         """Write a candump log, in order of time."""
-        with path.open("w", encoding="ascii") as file:
-            for end_ns, frame in sorted(self.frames, key=lambda heard: heard[0]):
-                file.write(f"({end_ns // 10**9}.{end_ns % 10**9 // 1000:06d}) can0 {_candump(frame)}\n")
-
-
-def _candump(frame: Frame) -> str:
-    can_id, data = frame
-    name = f"{can_id & CAN_EFF_MASK:08X}" if can_id & CAN_EFF_FLAG else f"{can_id & CAN_SFF_MASK:03X}"
-    return f"{name}#R" if can_id & CAN_RTR_FLAG else f"{name}#{data.hex().upper()}"
+        path.touch()  # also of a test without frames
+        log = BusLog(path, "can0")
+        for end_ns, frame in sorted(self.frames, key=lambda heard: heard[0]):
+            log.add(LoggedFrame(1e-9 * end_ns, *frame, is_received=True))
+        log.write()
 
 
 class Artefacts:
@@ -89,10 +85,7 @@ class Artefacts:
         self.add_live(name, lambda: (summary, result.recording))
 
     def add_live(self, name: str, tell: RunReader) -> None:
-        """Add a run that is still going.
-
-        Its reader is called when the test has failed.
-        """
+        """Add a run that is still going."""
         self._count += 1
         self._runs.append((f"{self._count:02d}-{name}", tell))
 

@@ -89,7 +89,9 @@ class EmulatedRobot:
         if bitrate is not None:
             self._wire = EmulatedWire(bitrate, faults=interference.wire, now_ns=self.world.now)
             medium = TimedBus(self.world, self._wire)
-        interference.power_cycle = self._power_cycle
+        interference.power_cycle = lambda node_id: self.channel._deliver(
+            [HeardFrame(frame, node_id, self.world.now) for frame in self.world.power_cycle(node_id)]
+        )
         interference.switch_bus_off = self._switch_bus_off
         self.channel = EmulatedChannel(self.world, medium, bitrate, interference)
         self.drives: MappingProxyType[int, Drive] = MappingProxyType(self.world.drives)
@@ -117,10 +119,6 @@ class EmulatedRobot:
         """Return the position of an axis' motor, as its encoder counts."""
         axes = self.world.axes
         return float(axes.counts(axes.row(axis))) / self.model.axis[axis].encoder_counts_per_rev
-
-    def _power_cycle(self, node_id: int) -> None:
-        for frame in self.world.power_cycle(node_id):
-            self.channel._deliver([HeardFrame(frame, node_id, self.world.now)])
 
     def _switch_bus_off(self, node_id: int, is_off: bool) -> None:
         """Put a node's controller bus-off, or restart it.

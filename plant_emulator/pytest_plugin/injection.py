@@ -83,16 +83,11 @@ class FaultInjection:
         self, can_id: int, bits: tuple[int, ...] = (), *, noticed: bool = False, after_s: float = 0.0,
         for_s: float | None = None, every: int = 1, count: int | None = None,
     ) -> BusFaults:  # fmt: skip
-        """Invert bits of the payload of frames.
+        """Invert bits of the payload of frames; the others as of `lose`.
 
         Args:
-            can_id: Identifier of the frames.
             bits: Bits to invert, 0 is the lowest of the first byte; one by chance unless they are given.
             noticed: The CRC shows it, so that the frame is sent again; needs bit times (`--hil-bitrate`).
-            after_s: Time from now until it begins.
-            for_s: Duration; None: to the end of the test.
-            every: n, so that every n-th such frame is hit.
-            count: Largest number of frames; None: no limit.
         """
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
@@ -150,13 +145,7 @@ class FaultInjection:
     def emergency(self, node_id: int, code: int, *, register: int = 1, after_s: float = 0.0) -> None:
         """Send an emergency in the name of a node.
 
-        Code 0 withdraws it. The master receives it as well.
-
-        Args:
-            node_id: Node-ID of the node.
-            code: Error code of the emergency; 0: no error.
-            register: Error register (1001h).
-            after_s: Time from now until the frame is sent.
+        Code 0 withdraws it; `register` is that of 1001h. The master receives it as well.
         """
         data = code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))
         frame = Frame(FunctionCode.EMERGENCY + node_id, data)
@@ -182,13 +171,7 @@ class FaultInjection:
         self._between(after_s, for_s, lambda: inputs.set_sto(True), lambda: inputs.set_sto(False))
 
     def hold_input(self, axis: int, name: str, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """Force an input of an axis' drive to be active.
-
-        Args:
-            axis: Number of the axis.
-            name: negative_limit, positive_limit, home, probe_1 or probe_2.
-            after_s: Time from now until it begins.
-            for_s: Duration; None: to the end of the test.
+        """Force an input of `INPUTS` of an axis' drive to be active.
 
         Raises:
             ValueError: The robot has no such axis, or there is no such input.

@@ -90,9 +90,7 @@ class Interference:
         """Plan a temporary condition; without an end it lasts all the test.
 
         Args:
-            begin_ns: Begin, in the time of the bench.
             end_ns: End, in the same time; None: the end of the test.
-            begin: Called at the begin.
             end: Called at the end, and once more at the end of the test; None: there is nothing to end.
         """
         self.at(begin_ns, begin)

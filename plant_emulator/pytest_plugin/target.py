@@ -77,7 +77,6 @@ class Target:
         artefacts: Frames and recordings that are saved if the test fails.
         interference: Faults of the bus that the test asks for.
         robot: The emulated robot, or None on another bus.
-        where: The bus in words.
     """
 
     def __init__(self, config: pytest.Config, bench: Bench, artefacts: Artefacts, robot: EmulatedRobot | None = None) -> None:

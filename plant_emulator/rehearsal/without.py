@@ -1,7 +1,5 @@
 """The robot without the causes that the product states.
 
-It shows whether these causes of the remaining tip are the true ones.
-
 Causes are true if the robot without them ends within the goal, or loses at least half of the excess over it.
 """
 

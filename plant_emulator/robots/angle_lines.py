@@ -60,10 +60,6 @@ def check_orders(name: str, lines: Sequence[EccentricityLine | CoggingLine]) -> 
 def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[CoggingLine], torque_limit_nm: float) -> None:
     """Refuse duplicate orders, and cogging that exceeds the motor torque.
 
-    Args:
-        eccentricity: Orders of the joint.
-        cogging: Orders of the motor's torque.
-
     Raises:
         ValueError: The message names the order, or the torques.
     """

@@ -1,7 +1,5 @@
 """Arms drawn by seed.
 
-They are the reference arm with other lengths, masses, loads, postures, gears, motors and errors.
-
 Or they have the links of a URDF file, with drawn motors, gears and errors, which such a file lacks.
 
 >>> from plant_emulator.robots.drawn_arms import draw_arm
@@ -47,9 +45,6 @@ def draw_arm(seed: int) -> ArmRobot:
     """Draw an arm of six axes with linear gears.
 
     Equal arguments give equal arms.
-
-    Args:
-        seed: Seed of all draws, and of the robot's own noise.
 
     Raises:
         ValueError: The seed is negative.

@@ -108,7 +108,6 @@ def draw(seed: int, ranges: Distributions = RANGES, *, kind: Kind = "any", axes:
     """Draw a robot of the fleet; equal arguments give equal robots.
 
     Args:
-        seed: Seed of all draws, and of the robot's own noise.
         kind: Linear or real gear and drive; robots of equal seeds differ in nothing else.
         axes: Number of axes, 1 to 3.
 

@@ -56,7 +56,6 @@ class AccelerometerNode(SlaveNode):
     Args:
         measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
         range_m_s2: Beyond it the status of the channel is "not valid".
-        options: Options of the `Slave` underneath.
 
     Attributes:
         shared: What the node shows, in C: a `tip_node`.

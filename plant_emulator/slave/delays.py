@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from drive_profiles.standard.cia301 import FunctionCode, NmtState
+from drive_profiles.standard.cia305 import LSS_RESPONSE
 from hil.can.frame import CAN_SFF_MASK, Frame
 from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.slave.emergency import COB_ID as EMERGENCY_COB_ID
-from plant_emulator.slave.lss import RESPONSE_ID as LSS_RESPONSE
 from plant_emulator.slave.nmt import SERVICES, NmtService
 from plant_emulator.slave.node import Slave
 from plant_emulator.slave.pdo.rpdo import Rpdo

@@ -4,14 +4,8 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 
 from drive_profiles.standard.cia301 import MAX_NODE_ID
-from drive_profiles.standard.cia305 import BIT_TIMINGS
+from drive_profiles.standard.cia305 import BIT_TIMINGS, UNCONFIGURED
 from plant_emulator.slave.dictionary import Dictionary
-
-REQUEST_ID, RESPONSE_ID = 0x7E5, 0x7E4
-"""CAN-IDs of the LSS master's requests and of the slaves' answers (CiA 305, 3.3)."""
-
-UNCONFIGURED = 0xFF
-"""Instead of a node-ID: the node has none, and answers LSS only."""
 
 _LENGTH = 8
 _IDENTITY = 0x1018
@@ -181,9 +175,6 @@ class LssSlave:
     def _inquire(self, data: bytes) -> tuple[int, ...]:
         return data[0], *self.address[data[0] - LssService.INQUIRE_VENDOR].to_bytes(4, "little")
 
-    def _inquire_node_id(self, _data: bytes) -> tuple[int, ...]:
-        return LssService.INQUIRE_NODE_ID, self.active
-
     def _identify(self, data: bytes) -> tuple[int, ...] | None:
         asked = _collect(self._identification, data, LssService.IDENTIFY_VENDOR, LssService.IDENTIFY_SERIAL_HIGH)
         if asked is None:
@@ -262,7 +253,7 @@ _SERVICES: dict[LssState, dict[int, _Handler]] = {
         LssService.ACTIVATE_BIT_TIMING: LssSlave._activate_bit_timing,
         LssService.STORE: LssSlave._store,
         **dict.fromkeys(range(LssService.INQUIRE_VENDOR, LssService.INQUIRE_SERIAL + 1), LssSlave._inquire),
-        LssService.INQUIRE_NODE_ID: LssSlave._inquire_node_id,
+        LssService.INQUIRE_NODE_ID: lambda slave, _: (LssService.INQUIRE_NODE_ID, slave.active),
     },
 }
 """Answers by state; a request that is not listed is for other slaves."""

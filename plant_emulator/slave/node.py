@@ -12,11 +12,12 @@ from drive_profiles.standard.cia301 import (
     NmtCommand,
     NmtState,
 )
+from drive_profiles.standard.cia305 import LSS_REQUEST, LSS_RESPONSE, UNCONFIGURED
 from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind
 from plant_emulator.slave.emergency import EmergencyProducer
 from plant_emulator.slave.error_control import MASTER, ErrorControl
-from plant_emulator.slave.lss import REQUEST_ID, RESPONSE_ID, UNCONFIGURED, LssSlave
+from plant_emulator.slave.lss import LssSlave
 from plant_emulator.slave.nmt import (
     ERROR_BEHAVIOUR,
     RESETS,
@@ -120,7 +121,7 @@ class Slave:
         )
         self._time = TimeConsumer(dictionary, self._route)
         self.store = ParameterStore(dictionary, store_commands, store_time_ns)
-        self._sync = SyncConsumer(dictionary, self.emergencies, self._resort)
+        self._sync = SyncConsumer(dictionary, self.emergencies, lambda: self._pdo.sort())  # noqa: PLW0108 - made below
         self._pdo = PdoEngine(
             dictionary,
             emergency=self.emergencies,
@@ -128,7 +129,7 @@ class Slave:
             changed=self._route,
             send=self._send,
             on_started=self._reschedule,
-            on_missing=self._on_timeout,
+            on_missing=lambda number: self.on_rpdo_timeout(number),  # noqa: PLW0108 - an owner sets another
         )
         if node_id != UNCONFIGURED:
             dictionary.renumber(node_id)
@@ -325,7 +326,7 @@ class Slave:
     def _on_lss(self, data: bytes, _now: int) -> None:
         answer = self.lss.receive(data)
         if answer is not None:
-            self._out.append(Frame(RESPONSE_ID, answer))
+            self._out.append(Frame(LSS_RESPONSE, answer))
 
     def _start_configured(self) -> None:
         self._reset(ResetKind.COMMUNICATION)
@@ -339,9 +340,6 @@ class Slave:
         target = ERROR_BEHAVIOUR.get((self._state, behaviour))
         if target is not None:
             self._change(target)
-
-    def _on_timeout(self, number: int) -> None:
-        self.on_rpdo_timeout(number)
 
     # State
 
@@ -395,16 +393,13 @@ class Slave:
         self._route()
         self.on_nmt(old, new)
 
-    def _resort(self) -> None:
-        self._pdo.sort()
-
     def _route(self) -> None:
         """Look up the identifiers that concern the node now; later entries win."""
         services = SERVICES[self._state]
         self._event_driven = self._pdo.event_driven
         routes: dict[int, Callable[[bytes, int], None]] = {}
         if NmtService.LSS in services and (self._state is not NmtState.INITIALISING or self.node_id == UNCONFIGURED):
-            routes[REQUEST_ID] = self._on_lss
+            routes[LSS_REQUEST] = self._on_lss
         if self._state is not NmtState.INITIALISING:
             routes |= self._pdo.listeners
             if NmtService.SDO in services:

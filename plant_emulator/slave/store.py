@@ -73,10 +73,6 @@ def standard_commands() -> tuple[StoreCommand, ...]:
     )
 
 
-def _always() -> SdoAbortCode | None:
-    return None
-
-
 class ParameterStore:
     """Memory of a dictionary's values.
 
@@ -104,7 +100,7 @@ class ParameterStore:
             raise ValueError(f"storing takes {time_ns} ns; expected 0 or more")
         self.time_ns = time_ns
         self.fails = False
-        self.may_store: Callable[[], SdoAbortCode | None] = _always
+        self.may_store: Callable[[], SdoAbortCode | None] = lambda: None
         self._dictionary = dictionary
         present = [command for command in commands if command.address in dictionary]
         self._volatile = VOLATILE | {command.address[0] for command in present}

@@ -47,7 +47,11 @@ class SyncConsumer:
     def __init__(self, dictionary: Dictionary, emergency: EmergencyProducer, changed: Callable[[], None]) -> None:
         self._dictionary, self._emergency, self._changed = dictionary, emergency, changed
         self._has_wrong_length = False
-        self._refusals = {COB_ID: _refuse_cob_id, COUNTER_OVERFLOW: _refuse_overflow}
+        self._refusals: dict[int, Callable[[int], SdoAbortCode | None]] = {
+            # CiA 301, 7.5.2.5: bit 31 does not care; bit 30, to generate SYNC, is not supported
+            COB_ID: lambda new: identifier_refusal(new & ~_DO_NOT_CARE),
+            COUNTER_OVERFLOW: lambda new: SdoAbortCode.INVALID_VALUE if new == 1 or new > MAX_COUNTER else None,
+        }
         self.can_id = self.overflow = self.window_ns = 0
         self.counter: int | None = None
         self.closes_at = _NEVER
@@ -109,12 +113,3 @@ class SyncConsumer:
 
     def _has_period(self) -> bool:
         return (CYCLE_PERIOD, 0) in self._dictionary and self._dictionary.get_int(CYCLE_PERIOD) != 0
-
-
-def _refuse_cob_id(cob_id: int) -> SdoAbortCode | None:
-    # CiA 301, 7.5.2.5: bit 31 does not care; bit 30, to generate SYNC, is not supported.
-    return identifier_refusal(cob_id & ~_DO_NOT_CARE)
-
-
-def _refuse_overflow(overflow: int) -> SdoAbortCode | None:
-    return SdoAbortCode.INVALID_VALUE if overflow == 1 or overflow > MAX_COUNTER else None

@@ -30,7 +30,7 @@ from hil.design.frequency import Block, Loop
 from hil.robot_tables import Control
 from plant_emulator.motion.axes import Axes, FollowedRun, response_of, tip_sensor
 from plant_emulator.physics.axis import hang_at_rest
-from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.robots.robot import Robot
 from plant_emulator.studies.closed_loop import frozen_laws, growth_per_s, linear_plant
 from plant_emulator.studies.simulate import LawOfAxis, as_uploaded, follow, gains_as_uploaded, references
 from plant_emulator.studies.spread import (
@@ -274,7 +274,9 @@ class Study:
             mine = drawn(AXIS_UNKNOWNS, self.spread, source) if index >= 0 else nominal(AXIS_UNKNOWNS)
             before = f"axis{number}_" if len(self.axes) > 1 else ""
             values |= {before + name: value for name, value in mine.items()}
-            axes[number] = self._without_short_lag(drawn_axis(self.robot.axis[number], mine))
+            axes[number] = axis = drawn_axis(self.robot.axis[number], mine)
+            if axis.current_time_constant_s < self.robot.control_period_s / self.robot.plant_substeps:  # it settles too fast
+                axes[number] = axis.model_copy(update={"current_time_constant_s": 0.0})
         source = self._source(0, index)
         mine = drawn(SENSOR_UNKNOWNS, self.spread, source) if index >= 0 else nominal(SENSOR_UNKNOWNS)
         changed = {
@@ -286,12 +288,6 @@ class Study:
             changed |= {"geometry": None, "line_motion": None}
         robot = self.robot.model_copy(update=changed)
         return DrawnPlant(values | mine, robot), source
-
-    def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
-        """Drop the lag of a current loop that settles too fast."""
-        if axis.current_time_constant_s >= self.robot.control_period_s / self.robot.plant_substeps:
-            return axis
-        return axis.model_copy(update={"current_time_constant_s": 0.0})
 
     def _source(self, number: int, index: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number, index) if index >= 0 else (number,)))

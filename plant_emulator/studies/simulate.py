@@ -99,7 +99,6 @@ def simulate(
 
     Args:
         sync_period_s: A whole number of control periods.
-        settle_s: Rest of the axes before the motion begins.
 
     Raises:
         ValueError: The robot lacks the motion, or the periods do not fit.
@@ -135,7 +134,6 @@ def follow(
         laws: Law of each axis that moves, by number, in the order of the columns of `targets`.
         targets: Set-points in counts; shape (n, axes).
         periods: Control periods from one to the next.
-        settle_s: Rest before the first.
     """
     rows = [robots[0].row(number) for number in laws]
     for axes in robots:

@@ -27,7 +27,6 @@ class Influence:
 
     Attributes:
         correlation: Spearman's rank correlation; of an angle, unsigned, the multiple one with its cosine and sine.
-        low: Lower end of its 95 % interval.
         p_value: Probability of such a correlation by chance.
         coefficient: Standardised regression coefficient: by how many standard deviations the result moves with one of the
             unknown, all others held; of an angle unsigned. None with too few runs.
@@ -49,11 +48,9 @@ class Summary:
     """The runs of one study.
 
     Attributes:
-        judged: Every run, by index.
         nominal: The robot of the file.
         meeting: Stable and within the specification.
         faults: Number of runs with each fault.
-        percentiles: Percentiles of the results, by percent.
         influences: The unknowns that are open, the strongest first.
         explained: Fraction of the variance that the linear regression explains, adjusted for its number of terms; None with too
             few runs.

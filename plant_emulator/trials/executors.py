@@ -1,7 +1,5 @@
 """Executors of tasks.
 
-They are processes of this machine, or the workers of a Dask scheduler.
-
 Both take a function of a module and plain values, and give a future of `concurrent.futures`. A task whose process died is
 tried once more.
 """
@@ -213,7 +211,6 @@ class DaskWorkers:
     If a worker dies, the scheduler gives its tasks to others, by default three times, before it reports the loss.
 
     Args:
-        address: Address of the scheduler, such as tcp://127.0.0.1:8786.
         patience_s: Longest wait for the scheduler, and for the first of its workers.
     """
 

@@ -16,9 +16,7 @@ def write_page(
     """Write the page of some trials.
 
     Args:
-        path: The page.
         words: Heading, what was tried, and a sentence on how.
-        verdict: Verdict at the top.
         chapters: Figures and tables in reading order.
         provenance: Names and texts on the trials' origin.
 

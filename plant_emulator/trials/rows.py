@@ -109,11 +109,6 @@ def _cell(value: Value) -> str:
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
-def has_parquet() -> bool:
-    """Return True if pyarrow (extra `parquet`) is installed."""
-    return importlib.util.find_spec("pyarrow") is not None
-
-
 def parquet_bytes(rows: Sequence[Row]) -> bytes:
     """Return rows as Parquet.
 
@@ -151,7 +146,7 @@ def write_table(folder: Path, rows: Sequence[Row]) -> list[Path]:
     """
     written = [folder / TABLES[0]]
     write_atomically(written[0], csv_text(rows).encode(), force=True)
-    if has_parquet():
+    if importlib.util.find_spec("pyarrow") is not None:
         written.append(folder / TABLES[1])
         write_atomically(written[1], parquet_bytes(rows), force=True)
     return written

@@ -1,7 +1,5 @@
 """`hil explain`: faults of a bus, from a log."""
 
-# ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
-
 import datetime
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`hil export`: recordings and bus logs in other formats."""
 
-# ruff: noqa: PLC0415 - numpy and the formats are imported inside the command, so that --help stays quick
-
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

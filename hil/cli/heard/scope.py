@@ -1,7 +1,5 @@
 """`hil scope`: a live page of a bus, or of recordings."""
 
-# ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
-
 import contextlib
 import importlib.util
 import os
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.address import BUS_VARIABLE, choose_bus, parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
@@ -99,7 +97,6 @@ def _show_bus(
     bench_file: str | None, bus: str | None, descriptions: list[str], ask: str, port: int, *, until_stdin_closes: bool
 ) -> None:
     """Listen to a bus, and show it."""
-    from drive_profiles.address import choose_bus, parse_address
     from hil.bench.bench import load_bench
     from hil.can.listening import open_listener
     from hil.cli.heard.explain import description_from

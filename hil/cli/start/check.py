@@ -42,7 +42,7 @@ def check(
     with console.exit_on_error():
         bench = console.bench_on(bench_file, bus)
 
-        from hil.commissioning.check import check_axes, known_axes  # noqa: PLC0415
+        from hil.commissioning.check import check_axes, known_axes
 
         numbers = known_axes(bench, axis or ())
         where = console.result_directory(out, "check", force=force)
@@ -65,9 +65,9 @@ def check(
 
 def _lines(bench: "Bench", axes: tuple[int, ...]) -> Iterator[str]:
     """Lines on what moves, for `confirm`."""
-    from hil.commissioning.held import CHECK_FOLLOWING_REV, ROOM_REV  # noqa: PLC0415
-    from hil.commissioning.limits import ASKED_REV  # noqa: PLC0415
-    from hil.experiments.plant.probe import PROBE_RPS  # noqa: PLC0415
+    from hil.commissioning.held import CHECK_FOLLOWING_REV, ROOM_REV
+    from hil.commissioning.limits import ASKED_REV
+    from hil.experiments.plant.probe import PROBE_RPS
 
     yield f"This enables each axis on {bench.bus.address}, waits for its automatic stop, and turns it:"
     for number in axes:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.address import choose_bus
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
@@ -50,8 +51,6 @@ def init(
     """
     named = _named(profile or [])
     with exit_on_error(moves=False):
-        from drive_profiles.address import choose_bus  # noqa: PLC0415
-
         choice = choose_bus(bus)
         if choice is None:
             raise fail("no bus is given; give --bus, or set HIL_BUS", ExitStatus.USAGE)
@@ -61,9 +60,9 @@ def init(
             raise fail(f"{out} already exists; nothing was written", ExitStatus.FILE)
         say(str(choice))
 
-        from drive_profiles.files.safefile import check_writable, write_atomically  # noqa: PLC0415
-        from hil.commissioning.draft import ArmDrawing, draft, left_to_type  # noqa: PLC0415
-        from hil.commissioning.scan import scan_bus  # noqa: PLC0415
+        from drive_profiles.files.safefile import check_writable, write_atomically
+        from hil.commissioning.draft import ArmDrawing, draft, left_to_type
+        from hil.commissioning.scan import scan_bus
 
         check_writable(out)
         drawing = None

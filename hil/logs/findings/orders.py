@@ -36,7 +36,8 @@ VARIES = 1.3
 def order_findings(trace: Trace) -> Iterator[Said]:
     """Lines in the following errors of all nodes."""
     for node in trace.nodes.values():
-        per_rev = _counts_per_rev(node)
+        increments, turns = node.value(0x608F, 1), node.value(0x608F, 2)
+        per_rev = increments / turns if increments and turns else None
         target, measured = node.pdo_with("rpdo", 0x607A), node.pdo_with("tpdo", 0x6064)
         if per_rev is None or target is None or measured is None:
             continue
@@ -52,11 +53,6 @@ def order_findings(trace: Trace) -> Iterator[Said]:
             if said is not None:
                 yield said
                 break
-
-
-def _counts_per_rev(node: Node) -> float | None:
-    increments, turns = node.value(0x608F, 1), node.value(0x608F, 2)
-    return increments / turns if increments and turns else None
 
 
 def _stretches(position: Real, per_rev: float) -> list[slice]:

@@ -1,7 +1,4 @@
-"""Findings on set-points.
-
-A motor can follow them if they come in time, one per cycle.
-"""
+"""Findings on set-points."""
 
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Findings on states of drives and nodes.
 
-Status words and NMT commands show them.
-
 Source: CiA 402-2, 6040h, 6041h, 6060h, 6061h; CiA 301, 7.2.8.
 """
 

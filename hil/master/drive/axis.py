@@ -1,7 +1,5 @@
 """A CiA 402 drive: its identity, units, and changed objects."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Iterable
@@ -65,7 +63,7 @@ STANDSTILL_RPS = 0.05
 class Snapshot:
     """Former contents of changed objects, to be restored."""
 
-    network: Network
+    network: "Network"
     node: int
     _before: dict[ObjectAddress, bytes] = field(default_factory=dict)
     _seen: dict[ObjectAddress, bytes] = field(default_factory=dict)
@@ -109,7 +107,7 @@ class Snapshot:
         return refused
 
 
-def ask_emulated(network: Network, node: int) -> bool | None:
+def ask_emulated(network: "Network", node: int) -> bool | None:
     """Ask a node by its hardware version (1009h) whether it is emulated."""
     try:
         return is_emulated(network.read_raw(node, *HARDWARE_VERSION_OBJECT, "manufacturer hardware version"))
@@ -119,7 +117,7 @@ def ask_emulated(network: Network, node: int) -> bool | None:
         return None
 
 
-def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> Profile:
+def check_identity(network: "Network", node: int, profile: Profile, serial_number: int | None = None) -> Profile:
     """Check the identity of a node; return the profile of its product.
 
     Args:
@@ -142,13 +140,13 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
     return profile
 
 
-def _check_number(network: Network, node: int, what: str, address: ObjectAddress, expected: int) -> None:
+def _check_number(network: "Network", node: int, what: str, address: ObjectAddress, expected: int) -> None:
     value = network.read(node, *address, U32, what.partition(" (")[0])
     if value != expected:
         raise WrongIdentityError(node, what, expected, value)
 
 
-def _product_at(network: Network, node: int, profile: Profile) -> Profile:
+def _product_at(network: "Network", node: int, profile: Profile) -> Profile:
     """Return the profile of the node's product."""
     if not profile.products and not profile.identity.has_range:
         return profile
@@ -168,7 +166,7 @@ class DriveAxis:
         snapshot: Former contents of the objects that were changed.
     """
 
-    def __init__(self, network: Network, number: int, table: AxisTable) -> None:
+    def __init__(self, network: "Network", number: int, table: AxisTable) -> None:
         self.network, self.number, self.table = network, number, table
         self.node = table.node_id
         self.profile = Profile.load(table.profile)

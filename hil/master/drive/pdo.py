@@ -1,7 +1,5 @@
 """Configuration of PDOs over SDO in CiA 301's order, and its restoration."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -49,7 +47,7 @@ class PdoConfiguration:
     mapped: tuple[int, ...]
     idle: tuple[int, ...] = ()
 
-    def apply(self, network: Network, node: int) -> None:
+    def apply(self, network: "Network", node: int) -> None:
         """Write the records: invalid, count 0, entries, count, type, valid.
 
         CiA 301, 7.5.2.36 and 7.5.2.38.
@@ -69,7 +67,7 @@ class PdoConfiguration:
             write(node, self.communication, 1, U32, self.cob_id, "COB-ID of a PDO")
 
 
-def read_pdo(network: Network, node: int, communication: int) -> PdoConfiguration:
+def read_pdo(network: "Network", node: int, communication: int) -> PdoConfiguration:
     """Read the configuration of a PDO."""
     mapping = communication + 0x200
     cob_id = network.read(node, communication, 1, U32, "COB-ID of a PDO")
@@ -85,7 +83,7 @@ def read_pdo(network: Network, node: int, communication: int) -> PdoConfiguratio
 class PdoSet:
     """The PDOs that a run has changed in one node."""
 
-    def __init__(self, network: Network, node: int) -> None:
+    def __init__(self, network: "Network", node: int) -> None:
         self.network, self.node = network, node
         self._before: list[PdoConfiguration] = []
 

@@ -1,7 +1,5 @@
 """Units of a drive, from its objects or from the bench file."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -28,7 +26,7 @@ class Questions:
         missing: Objects that were needed and are not there.
     """
 
-    def __init__(self, network: Network, node: int) -> None:
+    def __init__(self, network: "Network", node: int) -> None:
         self.network, self.node = network, node
         self.missing: list[Need] = []
 
@@ -60,7 +58,7 @@ class Questions:
         return int(decode(kind, data))
 
 
-def read_scaling(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> Scaling | None:
+def read_scaling(asked: Questions, number: int, table: "AxisTable | NothingStated", profile: Profile) -> Scaling | None:
     """Read the units of a drive.
 
     Returns:
@@ -223,7 +221,7 @@ class OverheardQuestions(Questions):
     unless a frame has another.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: "Node") -> None:
         self._told = node
         self.node, self.missing = node.number, []
 

@@ -21,7 +21,6 @@ class NumberPair:
     """A number of both results.
 
     Attributes:
-        group: Run, axis or model that it is of.
         old: Value of the old result; None if it has none.
         is_angle: True if 360 is the same as 0.
     """

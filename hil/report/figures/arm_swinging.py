@@ -76,7 +76,6 @@ class KnownModes:
 
     Attributes:
         shapes: The modes, the lowest first.
-        source: Source of masses and stiffness in words.
         rigid: Axes whose gears count as rigid.
     """
 

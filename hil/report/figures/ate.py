@@ -154,11 +154,10 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
     if paper is not None:
-        printed = paper.error()
-        panel.plot(turns, printed.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
+        panel.plot(turns, paper.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
         rest = panels[1, 0]
         rest.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.6)
-        style.residual(rest, turns, middle - printed.angle_rad(angle) / ARCSEC, "arcsec", "identified − paper")
+        style.residual(rest, turns, middle - paper.angle_rad(angle) / ARCSEC, "arcsec", "identified − paper")
         rest.set_ylabel("Residual (arcsec)")
     for turn in (1.0, 2.0):
         panel.axvline(turn, **style.MARK)
@@ -251,9 +250,10 @@ def errors(
         return None
     rows: list[list[Cell]] = []
     paper = TABLE_2.get(axis) if is_paper else None
+    in_table_2 = None if paper is None else {"A": paper.amplitude_arcsec, "φ": paper.phase_deg}
     for each in part.numbers():
         form = "{:.3f}" if each.letter == "A" else "{:.2f}"
-        printed = [] if paper is None else [number(paper.of(each.order)["Aφ".index(each.letter)], "{:g}")]
+        printed = [] if in_table_2 is None else [number(in_table_2[each.letter].get(each.order), "{:g}")]
         shown = [number(each.value, form), number(each.error, form)]
         rows.append([symbol(each.letter, each.order), each.unit, *printed, *shown])
     header = ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error")

@@ -1,11 +1,9 @@
 """Figures of the axes by their models, and of the identification of the transmission error; Figs. 4 to 8."""
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from hil.analysis import motor_speed_rps
 from hil.control.arrays import Real
-from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.paper import TABLE_1
 from hil.design.transmission_error import TransmissionError
@@ -66,7 +64,10 @@ def transmission_errors(material: Material) -> Drawing | None:
         if table is not None:
             panel.plot(turns, _arcsec(table, turns), label=material.model_source, **style.MODEL)
         if estimate is not None and table is not None:
-            _difference(rest, estimate, table, turns, material.model_source)
+            spread = plotted.spread_arcsec(estimate.error, estimate.amplitude_error_arcsec, estimate.phase_error_deg, turns)
+            rest.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
+            off = _arcsec(estimate.error, turns) - _arcsec(table, turns)
+            style.residual(rest, turns, off, "arcsec", f"identified − {material.model_source}")
         else:
             style.note(rest, "nothing to compare with")
         for turn in (1.0, 2.0):
@@ -92,13 +93,6 @@ def transmission_errors(material: Material) -> Drawing | None:
     )
 
 
-def _difference(panel: Axes, estimate: JointEstimate, table: TransmissionError, turns: Real, source: str) -> None:
-    """Draw the identified error less that of a file, with a band of two standard errors around zero."""
-    spread = plotted.spread_arcsec(estimate.error, estimate.amplitude_error_arcsec, estimate.phase_error_deg, turns)
-    panel.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
-    style.residual(panel, turns, _arcsec(estimate.error, turns) - _arcsec(table, turns), "arcsec", f"identified − {source}")
-
-
 def resonances(material: Material) -> Drawing | None:
     """|G_al| of every axis with a model, f_al marked; Fig. 6."""
     axes = material.model_axes
@@ -111,7 +105,9 @@ def resonances(material: Material) -> Drawing | None:
         gain = style.decibel(loop.acceleration_per_transmission_error(frequency))
         panel.semilogx(frequency, gain, **style.MEASURED)
         peak = material.f_al_hz[number]
-        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + (_beside(number) if material.bench.is_paper else ""), height=0.3)
+        is_printed = material.bench.is_paper and number in TABLE_1
+        beside = f"\n(paper: {TABLE_1[number][0]:.2f} Hz)" if is_printed else ""
+        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + beside, height=0.3)
         panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
         panel.set(xlim=(1.0, 100.0), title=f"Axis {number}", xlabel="Frequency (Hz)")
     panels[0, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
@@ -122,10 +118,6 @@ def resonances(material: Material) -> Drawing | None:
         "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1)."
     )
     return style.drawing(figure, "resonances", "Arm acceleration per transmission error", caption, "computed", "Fig. 6")
-
-
-def _beside(number: int) -> str:
-    return f"\n(paper: {TABLE_1[number].f_al_hz:.2f} Hz)" if number in TABLE_1 else ""
 
 
 def _arcsec(error: TransmissionError, turns: Real) -> Real:

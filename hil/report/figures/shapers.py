@@ -46,7 +46,10 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
         panel.plot(*_after(plain[1], axis), label="untreated", **style.WITHOUT)
         panel.plot(*_after(recording, axis), label="with the shaper", **style.WITH)
         panel.axvline(0.0, **style.MARK)
-        panel.set_title(_label(run, plain[0].tip_peak_mm))
+        peak_mm, words = run.tip_peak_mm, "not judged"
+        if peak_mm is not None:
+            words = f"{peak_mm:.4f} mm, {change_db(plain[0].tip_peak_mm, peak_mm)}"
+        panel.set_title(f"{TITLES[run.treatment]}: {words}")
     for panel in panels.flat[len(treated) :]:
         panel.set_visible(False)
     for panel in panels[-1]:
@@ -68,12 +71,6 @@ def _after(recording: Recording, axis: int) -> tuple[Real, ...]:
     tip = recording.felt_m_s2 - np.mean(recording.felt_m_s2[-(len(recording.time_s) - row) // 4 :])
     time: Real = period * np.arange(first - row, last - row, dtype=np.float64)
     return style.thin(time, tip[first:last])
-
-
-def _label(run: RunEntry, before_mm: float | None) -> str:
-    if run.tip_peak_mm is None:
-        return f"{TITLES[run.treatment]}: not judged"
-    return f"{TITLES[run.treatment]}: {run.tip_peak_mm:.4f} mm, {change_db(before_mm, run.tip_peak_mm)}"
 
 
 def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:

@@ -121,7 +121,9 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
         if len(inside) >= plotted.FEWEST:
             top.set_xlim(float(recording.time_s[inside[0]]) - 0.25, float(recording.time_s[inside[-1]]) + 0.25)
         reach = max(reach, plotted.finish_vibration(material, top, material.f_al(axis), with_name=column == 0, with_scale=last))
-        top.set_title(("Without notch" if treatment == "none" else "With notch") + _peaks(runs))
+        tips = [plotted.number_or_nothing(run.entry.tip_peak_mm, run.entry.loop + " {:.3f} mm") for run in runs]
+        title = "Without notch" if treatment == "none" else "With notch"
+        top.set_title(": ".join(filter(None, (title, ", ".join(filter(None, tips))))))
         bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
     if reach > 0.0:
         panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
@@ -135,11 +137,6 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
     )
     title = f"Axis {axis}: the loop in the drive and on the host"
     return style.drawing(figure, f"loop-places-{axis}", title, caption, is_zoomable=True)
-
-
-def _peaks(runs: list[plotted.PlottedRun]) -> str:
-    parts = [plotted.number_or_nothing(run.entry.tip_peak_mm, run.entry.loop + " {:.3f} mm") for run in runs]
-    return ": " + ", ".join(filter(None, parts)) if any(parts) else ""
 
 
 def _periods(pairs: dict[str, list[plotted.PlottedRun]]) -> str:

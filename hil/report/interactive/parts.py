@@ -46,7 +46,8 @@ def interactive_parts(figures: Mapping[str, ZoomFigure]) -> InteractiveParts:
         NotPossibleError: Bokeh is not installed.
     """
     scripts, style = _scripts(), (resources.files("hil.report.interactive") / "zoom.css").read_text(encoding="utf-8")
-    allowed = " ".join(f"'sha256-{_hash(script)}'" for script in scripts)
+    hashes = (base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts)
+    allowed = " ".join(f"'sha256-{each}'" for each in hashes)
     policy = f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
     return InteractiveParts(policy, scripts, style, numbers_json(figures))
 
@@ -69,10 +70,6 @@ def _scripts() -> tuple[str, ...]:
     texts += [(own / name).read_text(encoding="utf-8") for name in OWN]
     # inlined they cannot end their element early, and have the line ends that a browser hashes
     return tuple(text.replace("\r\n", "\n").replace("</script", "<\\/script").replace("<!--", "<\\!--") for text in texts)
-
-
-def _hash(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
 
 
 MOST_COLUMNS = 10_000

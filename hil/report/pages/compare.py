@@ -26,9 +26,10 @@ from hil.report.material import Material, case_name
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Mark
+from hil.report.report_table import number as number_text
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
-from hil.report.tables.compare import cases, change, key_of, treatment_words
+from hil.report.tables.compare import cases, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 
 OVERLAID = 4
@@ -334,7 +335,7 @@ def cards(result: TreatmentTable) -> list[Card]:
             if before_mm is None:
                 continue
             head = f"{robot.name}, " if len(result.robots) > 1 else ""
-            change = f"{tables_compare.change(best.tip_peak_change_pct)} peak"
+            change = number_text(best.tip_peak_change_pct, "{:+.0f} % peak")
             step = CardStep(f"{after_mm:.3f}", change, Mark(best.within_spec, f"limit ±{robot.tip_mm:g} mm"))
             title = f"{head}{case_name(experiment, axis)}: {tables_compare.treatment_words(best)}"
             made.append(Card(title, f"{before_mm:.3f}", "mm", (step,)))
@@ -356,7 +357,7 @@ def _label(row: ComparisonRow) -> str:
     """Treatment of a run, with its peak and its change."""
     if row.tip_peak_mm is None:
         return f"{treatment_words(row)}: " + ("refused by its trial" if row.trial == "refused" else "not judged")
-    change_text = "" if row.tip_peak_change_pct is None else f" ({change(row.tip_peak_change_pct)})"
+    change_text = "" if row.tip_peak_change_pct is None else f" ({number_text(row.tip_peak_change_pct, '{:+.0f} %')})"
     return f"{treatment_words(row)}: {row.tip_peak_mm:.3f} mm{change_text}"
 
 

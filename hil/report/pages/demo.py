@@ -351,7 +351,7 @@ def cards(material: Material) -> list[Card]:
         steps = tuple(
             CardStep(
                 number_text(run.tip_peak_mm, "{:.3f}"),
-                f"{_percent(each.tip_peak_reduction_pct)} peak" if finite(each.tip_peak_reduction_pct) else "",
+                number_text(-each.tip_peak_reduction_pct, "{:+.0f} % peak") if finite(each.tip_peak_reduction_pct) else "",
                 Mark(run.within_spec, f"limit ±{limit_mm:g} mm"),
                 name,
             )
@@ -363,7 +363,7 @@ def cards(material: Material) -> list[Card]:
             steps = tuple(
                 CardStep(
                     number_text(run.spectrum_area, "{:.2f}"),
-                    f"{_percent(each.spectrum_area_reduction_pct)} area",
+                    number_text(-each.spectrum_area_reduction_pct, "{:+.0f} % area"),
                     Mark(each.spectrum_area_reduction_pct >= wanted, f"at least −{wanted:g} %"),
                     name,
                 )
@@ -371,10 +371,6 @@ def cards(material: Material) -> list[Card]:
             )
             areas.append(Card(title, number_text(without.spectrum_area, "{:.2f}"), "m/s²·Hz", steps))
     return made + areas
-
-
-def _percent(reduction: float | None) -> str:
-    return f"{-(reduction or 0.0):+.0f} %".replace("-", "−")
 
 
 def provenance(material: Material) -> list[tuple[str, str]]:

@@ -96,12 +96,11 @@ def filters(outcome: NotchDesignOutcome) -> ReportTable | None:
         "start_rps": "f_s (rev/s)", "end_rps": "f_e (rev/s)", "ramp_rps": "slopes of a trapezoid (rev/s)",
         "hysteresis_rps": "hysteresis (rev/s)", "speed_lowpass_hz": "low-pass of f_m (Hz)",
     }  # fmt: skip
-    rows: list[list[Cell]] = [[text, *(_cell(values[key]) for _, values in columns)] for key, text in names.items()]
+    rows: list[list[Cell]] = [
+        [text, *(each if isinstance(each := values[key], str) else f"{each:g}" for _, values in columns)]
+        for key, text in names.items()
+    ]
     return ReportTable("filters", "Parameters of the notch", ("", *(name for name, _ in columns)), rows, paper="Table 3")
-
-
-def _cell(value: object) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict]]:

@@ -27,7 +27,11 @@ def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
     if drawn:
         sections.append(Section("pictures", "Data of the findings", drawn))
     if found.unknown:
-        sections.append(Section("unknown", "Questions that this log cannot answer", (_unknown(found),)))
+        rows: list[list[Cell]] = [
+            [NONE if each.node is None else str(each.node), each.kind, each.words] for each in found.unknown
+        ]
+        table = ReportTable("not-told", "Not told", ("node", "kind", "why"), rows, {1, 2}, is_prose=True)
+        sections.append(Section("unknown", "Questions that this log cannot answer", (table,)))
     sections.append(Section("nodes", "Nodes and process data", (_nodes(found),)))
     head = PageHead(
         log.path.name, made_utc, heading="A log explained", is_bench=False,
@@ -55,11 +59,6 @@ def _table(findings: tuple[Finding, ...]) -> ReportTable:
         rows.append([str(number), _MARKS[each.severity], node, each.kind, each.words, each.remedy, stamps])
     header = ("", "", "node", "kind", "seen", "to do", "at [s]")
     return ReportTable("found", "Findings", header, rows, {1, 3, 4, 5, 6}, "Worst first.", is_prose=True)
-
-
-def _unknown(found: Explanation) -> ReportTable:
-    rows: list[list[Cell]] = [[NONE if each.node is None else str(each.node), each.kind, each.words] for each in found.unknown]
-    return ReportTable("not-told", "Not told", ("node", "kind", "why"), rows, {1, 2}, is_prose=True)
 
 
 def _nodes(found: Explanation) -> ReportTable:

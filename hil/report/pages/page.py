@@ -108,11 +108,7 @@ class CardStep:
 
 @dataclass(frozen=True)
 class Card:
-    """A motion's number without treatment, and with each treatment.
-
-    Attributes:
-        steps: The treatments, in the order in which they are read.
-    """
+    """A motion's number without treatment, and with each treatment."""
 
     title: str
     before: str
@@ -125,7 +121,6 @@ class Page:
     """Content of a page.
 
     Attributes:
-        sections: Chapters in the order in which they are read.
         provenance: Names and texts on place, time and versions of the runs.
     """
 

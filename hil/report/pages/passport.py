@@ -35,7 +35,10 @@ def write_passport(
         figures = _figures(trends)
     chapters = [Section("orders", "Orders", (table(trends),))]
     if origins:
-        chapters.append(Section("origins", "Gear or motor", (origin_table(origins),)))
+        rows: list[list[Cell]] = [[f"{each.robot}, axis {each.axis}", f"{each.order:g}", each.name, each.why] for each in origins]
+        header, caption = ("gear", "order", "from", "why"), "The runs do not show whether motor or gear is the cause."
+        told = ReportTable("origins", "Origins of the orders", header, rows, {0, 2, 3}, caption)
+        chapters.append(Section("origins", "Gear or motor", (told,)))
     for robot, axis in gears:
         own = tuple(figure for gear, figure in figures if gear == (robot, axis))
         if own:
@@ -83,7 +86,10 @@ def table(trends: Sequence[Trend]) -> ReportTable:
     for trend in trends:
         last = " ± ".join(value_and_error(float(trend.values[-1]), float(trend.errors[-1])))
         scatter = number(trend.watch.scatter, "{:.2g}") if len(trend.values) > 1 else NONE
-        state = Mark(not trend.is_alarmed if trend.is_watched else None, _state(trend))
+        since = "none" if trend.is_watched else "too few runs"
+        if trend.watch.first is not None:
+            since = f"since {trend.dates[trend.watch.first][:10]}"
+        state = Mark(not trend.is_alarmed if trend.is_watched else None, since)
         rows.append([
             f"{trend.robot}, axis {trend.axis}", trend.symbol, trend.unit, str(len(trend.values)), trend.dates[-1][:10],
             number(trend.watch.expected, "{:.4g}"), scatter, last, state, trend.explained_words or NONE,
@@ -96,19 +102,6 @@ def table(trends: Sequence[Trend]) -> ReportTable:
         "that their conditions explain."
     )
     return ReportTable("orders", "Orders", header, rows, {0, 1, 2, 4, 8, 9}, caption)
-
-
-def origin_table(origins: Sequence[OrderOrigin]) -> ReportTable:
-    """Every order with its origin, and the reason."""
-    rows: list[list[Cell]] = [[f"{each.robot}, axis {each.axis}", f"{each.order:g}", each.name, each.why] for each in origins]
-    caption = "The runs do not show whether motor or gear is the cause."
-    return ReportTable("origins", "Origins of the orders", ("gear", "order", "from", "why"), rows, {0, 2, 3}, caption)
-
-
-def _state(trend: Trend) -> str:
-    if trend.watch.first is not None:
-        return f"since {trend.dates[trend.watch.first][:10]}"
-    return "none" if trend.is_watched else "too few runs"
 
 
 ALONE = np.timedelta64(7, "D")

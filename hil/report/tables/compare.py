@@ -1,7 +1,5 @@
 """Tables of a comparison: treatments, compliance, and omitted runs."""
 
-from collections.abc import Iterable
-
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
@@ -22,11 +20,6 @@ def treatment_words(row: ComparisonRow | AxisCompliance) -> str:
     """Treatment of a row in words; a host-closed one is marked."""
     name: str = row.treatment
     return TITLES.get(name, name) + (", host-closed" if row.loop == "host" else "")
-
-
-def change(percent: float | None) -> str:
-    """A change in percent with its sign."""
-    return NONE if percent is None else number(percent, "{:+.0f} %")
 
 
 def overview(result: TreatmentTable, key: str = "overview", caption: str | Markup = "") -> ReportTable | None:
@@ -57,7 +50,7 @@ def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | No
         [
             claim.claim,
             f"{'>' if claim.is_above else '≤'} {round(claim.asked, 4):g}",
-            NONE if claim.found is None else f"{claim.found:.4f}".replace("-", "−"),
+            number(claim.found, "{:.4f}"),
             claim.unit,
             Mark(claim.holds),
         ]
@@ -109,15 +102,20 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         ("closed in", lambda row: row[1].loop),
         ("tip peak (mm)", lambda row: number(row[1].tip_peak_mm, "{:.4f}")),
         ("on the whole ramp (mm)", lambda row: number(row[1].ramp_peak_mm, "{:.4f}")),
-        ("change", lambda row: change(row[1].tip_peak_change_pct)),
+        ("change", lambda row: number(row[1].tip_peak_change_pct, "{:+.0f} %")),
         ("spectrum area (m/s²·Hz)", lambda row: number(row[1].spectrum_area, "{:.3f}")),
-        ("change", lambda row: change(row[1].spectrum_area_change_pct)),
+        ("change", lambda row: number(row[1].spectrum_area_change_pct, "{:+.0f} %")),
         ("specification", lambda row: _within(row[1])),
         ("trial", lambda row: NONE if row[1].trial is None else Mark(TRIALS[row[1].trial], row[1].trial)),
         ("compliance at 1 Hz", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.slow:.2f}"),
         ("largest", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.peak:.2f}"),
     )
-    rows = [(each.name, row) for each in result.robots for row in _in_order(each.rows, name, axis)]
+    rows = [
+        (each.name, row)
+        for each in result.robots
+        for row in sorted(each.rows, key=lambda row: row.left_out is not None)  # as they were run, omitted ones at the end
+        if (row.experiment, row.axis) == (name, axis)
+    ]
     host = (
         " The fixed notch runs only on the host, which closes the loop over the bus with a sample of delay. It is compared with "
         "no treatment there."
@@ -132,12 +130,6 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
     )
     left, title = len(robot), f"{case_name(name, axis).capitalize()}: every treatment"
     return tabulate(f"table-{key_of(name, axis)}", title, columns, rows, caption, (*range(left + 2), left + 7, left + 8))
-
-
-def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> list[ComparisonRow]:
-    """Drive-closed first, as they were run; omitted ones at the end."""
-    own = [row for row in rows if (row.experiment, row.axis) == (name, axis)]
-    return sorted(own, key=lambda row: row.left_out is not None)
 
 
 def _within(row: ComparisonRow) -> Mark:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from operator import attrgetter
 
 from markupsafe import Markup
 
@@ -12,6 +13,8 @@ from hil.report.material import Material, run_name, treatment_name, worst_of
 from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.results.acted import FilterSet
 from hil.results.runs import RunEntry
+
+_in_table_3 = attrgetter("offset_hz", "zeta_rn", "zeta_rdth", "order", "start_rps", "end_rps")
 
 
 def claims(material: Material) -> ReportTable:
@@ -73,6 +76,7 @@ def transmission_errors(material: Material) -> ReportTable:
         for order in sorted(known):
             for column in range(2):
                 name, unit = ("A", "arcsec") if column == 0 else ("φ", "°")
+                printed = None if paper is None else (paper.amplitude_arcsec, paper.phase_deg)[column].get(order)
                 identified = NONE
                 if estimate is not None and order in estimate.error.amplitude_arcsec:
                     value = (estimate.error.amplitude_arcsec, estimate.error.phase_deg)[column][order]
@@ -83,7 +87,7 @@ def transmission_errors(material: Material) -> ReportTable:
                         f"axis {axis}",
                         Markup("{}<sub>{:g}</sub>").format(name, order),
                         unit,
-                        *([number(None if paper is None else paper.of(order)[column], "{:g}")] if is_paper else []),
+                        *([number(printed, "{:g}")] if is_paper else []),
                         number((stated.amplitude_arcsec, stated.phase_deg)[column].get(order), "{:g}"),
                         identified,
                     ]
@@ -106,8 +110,8 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
         paper = TABLE_3.get(axis) if is_paper else None
         worst = worst_of(material.margins(axis, filters).values()) if axis in material.model_axes else None
         for notch in tables:
-            own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
-            cells = [_both(paper[i] if paper is not None and notch.order == paper.order else None, own[i]) for i in range(6)]
+            printed = (None,) * 6 if paper is None or notch.order != paper.order else _in_table_3(paper)
+            cells = [_both(*pair) for pair in zip(printed, _in_table_3(notch), strict=True)]
             rows.append([f"axis {axis}", *cells, *_margin_cells(worst)])
     header = (
         "",
@@ -128,20 +132,14 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
         margins = f" Margins: by the {material.model_source}'s model, the worst of {len(speeds[0])} motor speeds "
         margins += f"from {speeds[0][0]:g} to {speeds[0][-1]:g} rev/s."
     caption = f"{_held(material, filters)}{' Brackets: the value of the paper, if it differs.' if is_paper else ''}" + margins
-    title = f"{filter_names(filters)}, with its margins"
+    whose = "" if filters.treatments == ("notch",) else f" of {' and '.join(map(treatment_name, filters.treatments))}"
+    title = f"Variable notch filter{whose}, with its margins"
     return ReportTable(f"table-3{filters_end(nth)}", title, header, rows, caption=caption, paper="Table 3" if is_paper else "")
 
 
 def filters_end(nth: int) -> str:
     """Return the end of the keys of the n-th filters."""
     return f"-filters{nth + 1}" if nth else ""
-
-
-def filter_names(filters: FilterSet) -> str:
-    """Filters by the treatments in which they acted."""
-    if filters.treatments == ("notch",):
-        return "Variable notch filter"
-    return f"Variable notch filter of {' and '.join(map(treatment_name, filters.treatments))}"
 
 
 def _held(material: Material, filters: FilterSet) -> str:

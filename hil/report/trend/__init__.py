@@ -1,4 +1,1 @@
-"""Trend of all runs below a folder over their dates.
-
-The modules read the runs, draw figures and tables, and write the page.
-"""
+"""Trend of all runs below a folder over their dates."""

@@ -1,7 +1,5 @@
 """Objects of CiA 402 that every emulated drive has.
 
-They are one table by theme; types, access and mapping are the standard's.
-
 The units of the defaults are increments of the encoder: 6092h holds as many per revolution as the encoder has.
 
 Source: CiA 402-2 (IEC 61800-7-201), object dictionary.

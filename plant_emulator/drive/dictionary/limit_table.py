@@ -1,7 +1,5 @@
 """Limits, ramps and windows of CiA 402 as one table.
 
-It states the quantity that an object holds, and the field of the motion that it fills.
-
 A new limit is a row here, beside its name (`drive_profiles.standard.cia402`), its entry (`cia402_objects`), its field
 (`plant_emulator.motion.record`: `MOTION` and `UNTIL_WRITTEN`) and the control period that applies it.
 

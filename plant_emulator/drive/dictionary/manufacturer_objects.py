@@ -75,7 +75,6 @@ def drive_entries(
 
     Args:
         gains: K_pp in 1/s, K_vp in N·m·s/rad, K_vi in N·m/rad, and the low-pass in Hz.
-        serial_number: Serial number in 1018h.
     """
     identity = {"vendor_id": VENDOR_ID, "product_code": PRODUCT_CODE, "revision": REVISION, "serial_number": serial_number}
     entries = communication_entries(device_type=DEVICE_TYPE, name="Emulated servo drive", **identity)

@@ -7,7 +7,7 @@ from typing import Any
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.capability import FilterSection
 from drive_profiles.family.profile import Profile
-from drive_profiles.realisation import Biquad, held_filter
+from drive_profiles.realisation import held_filter
 from drive_profiles.standard.object_address import ObjectAddress, object_address
 from hil.control.notch import NO_NOTCH, NOTCHES, FixedFilter
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
@@ -24,10 +24,6 @@ _STANDARD_UNITS = frozenset({"counts", "°"})
 """Units in which a number is what CiA 402 makes of it: positions in the drive's own steps."""
 
 _AT_THE_TORQUE = re.compile("torque command|current (command|reference)")
-
-
-def _is_identity(section: Biquad) -> bool:
-    return section.b0 == 1.0 and section.b1 == section.a1 and section.b2 == section.a2
 
 
 class DescribedFamily(DriveFamily):
@@ -115,7 +111,7 @@ class DescribedFamily(DriveFamily):
         notch = self._facts.notch
         alone = None if notch is None else notch.model_copy(update={"sections": (section,)})
         biquads = held_filter(self._facts.model_copy(update={"notch": alone}), values, self._period_s)
-        return [FixedFilter(*biquad) for biquad in biquads if not _is_identity(biquad)]
+        return [FixedFilter(*biquad) for biquad in biquads if (biquad.b0, *biquad[1:3]) != (1.0, *biquad[3:5])]
 
     # -- what the drive does -------------------------------------------------------------------------------------------
 

@@ -41,7 +41,6 @@ def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: 
     """Return the entry of a parameter.
 
     Args:
-        parameter: Statement of the drive profile.
         scaling: Scaling of the drive, for limits in SI units.
         default: Value when the drive leaves the factory; None: 0, or the nearest that the limits allow.
         base: The emulator's own entry at this address.

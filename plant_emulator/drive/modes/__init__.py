@@ -1,11 +1,7 @@
 """The modes of operation of CiA 402.
 
-Each file has one mode, or a group: the behaviour of a drive in Operation enabled.
-
-`modes.selection` lists them and changes from one to another. `modes.homing` is the pure sequence of a homing method:
-
-    >>> from plant_emulator.drive.modes.homing import Homing
-    >>> from plant_emulator.motion.record import HOME_SWITCH
-    >>> Homing(19, HOME_SWITCH, counts_per_rev=4096.0, travel_counts=1e6).start(counts=0.0, inputs=0)
-    Move(direction=1, is_fast=True, is_hard=False)
+>>> from plant_emulator.drive.modes.homing import Homing
+>>> from plant_emulator.motion.record import HOME_SWITCH
+>>> Homing(19, HOME_SWITCH, counts_per_rev=4096.0, travel_counts=1e6).start(counts=0.0, inputs=0)
+Move(direction=1, is_fast=True, is_hard=False)
 """

@@ -69,11 +69,7 @@ class Move(NamedTuple):
 
 
 class GoTo(NamedTuple):
-    """Demand to go slowly to a position and stop there.
-
-    Args:
-        counts: Position of the encoder.
-    """
+    """Demand to go slowly to a position and stop there."""
 
     counts: float
     is_hard: bool = False

@@ -65,7 +65,6 @@ class ModeSelection:
         """Bind the objects.
 
         Args:
-            slave: The node.
             modes: The modes that the drive has, by number; at 0, the one that acts if none is chosen, or nothing.
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
@@ -76,12 +75,11 @@ class ModeSelection:
         self._limit_switches, self._power, self._halt_blocks = limit_switches, power, halt_blocks
         self._wanted: Any = slave.dictionary.cell(Object.MODES_OF_OPERATION)
         self._velocity = slave.dictionary.cell(Object.TARGET_VELOCITY)
-        slave.dictionary.on_read(Object.MODES_OF_OPERATION_DISPLAY, 0, self._shown)
+        slave.dictionary.on_read(
+            Object.MODES_OF_OPERATION_DISPLAY, 0, lambda: int(self._wanted.value if self.acting is None else self.acting.number)
+        )
         slave.dictionary.on_write(Object.MODES_OF_OPERATION, 0, self._write)
         slave.dictionary.on_write(Object.TARGET_VELOCITY, 0, self._write_velocity)
-
-    def _shown(self) -> int:
-        return int(self._wanted.value if self.acting is None else self.acting.number)
 
     def _write(self, value: int) -> SdoAbortCode | None:
         acting = self.acting

@@ -1,4 +1,1 @@
-"""Whole arms: learning on a line, and its effect elsewhere.
-
-The learnt cancellation is tested on other lines, with other payloads and at another pace.
-"""
+"""Whole arms: learning on a line, and its effect elsewhere."""

@@ -26,7 +26,7 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, Condition, conditions_of
 from plant_emulator.rehearsal.many.one import walked
 from plant_emulator.rehearsal.record import FLOOR_FACTOR, MAX_WORDS, QUIET_MM, WORSE_FRACTION, WORSE_MM
-from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, channel_of, note_of_run, raise_failure, run_of
+from plant_emulator.rehearsal.steps import TrialRefusedError, channel_of, note_of_run, raise_failure, run_of
 from plant_emulator.rehearsal.survey import recorded, session_on
 from plant_emulator.rehearsal.truth import quiet, without_error
 from plant_emulator.robots.blank_bench import blank_bench
@@ -159,7 +159,8 @@ def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
     learnt = load_identified(model) if model.exists() else None
     left_out: tuple[Part, ...] = ()
     if learnt is not None:
-        ended, note = _step(lambda: _run(bench, learnt, folder, channel), "run")
+        known, experiment = Knowledge(learnt=learnt), Experiment(LINE_MOTION, None, "cancellation-learnt")
+        ended, note = _step(lambda: note_of_run(run_of(bench, experiment, folder / "run", known, channel)), "run")
         row |= ended
         left_out = () if note is None else note.left_out
     used = learnt if row.get("run_ended") == "done" else None
@@ -196,11 +197,6 @@ def _learnt(bench: Bench, folder: Path, model: Path, channel: InProcessChannel) 
         ended["learnt_parts"] = sum(part.outcome == "learnt" for part in outcome.result.parts)
         ended["left_at_0"] = sum(part.outcome != "learnt" for part in outcome.result.parts)
     return ended
-
-
-def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChannel) -> RunNote:
-    experiment = Experiment(LINE_MOTION, None, "cancellation-learnt")
-    return note_of_run(run_of(bench, experiment, folder / "run", Knowledge(learnt=learnt), channel))
 
 
 def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:

@@ -1,7 +1,5 @@
 """The two laws that are compared with the observer.
 
-They are filtered-x LMS in the motor's angle, and repetition once per revolution.
-
 Both know what the observer knows: the arm as one resonance, the band, the noise at rest, the bounds, and the window of k f_m.
 
 - Filtered-x LMS: w_k is moved in every cycle by μ T 2 y f_k*/|f_k|², product and square low-passed, where f_k is what the

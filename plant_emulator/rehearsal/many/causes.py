@@ -37,17 +37,9 @@ def _is_coarse(row: Row) -> bool:
     return bits is not None and bits <= COARSE_BITS
 
 
-def _is_noisy(row: Row) -> bool:
-    return _at_least("robot_noise_m_s2", NOISY_M_S2)(row) or _is_coarse(row)
-
-
 def _is_quiet_already(row: Row) -> bool:
     tip, goal = worst_tip_mm(row, "none"), number(row, "goal_mm")
     return tip is not None and goal is not None and tip <= goal
-
-
-def _is_slow(row: Row) -> bool:
-    return row.get("robot_late_answers") is True or _at_least("robot_sync_period_s", LONG_SYNC_S)(row)
 
 
 def _is_loaded(row: Row) -> bool:
@@ -62,11 +54,15 @@ NOT_IN_FLEET = "no robot of the fleet"
 CAUSES: tuple[Cause, ...] = (
     Cause("nothing to cancel", "tip within the goal without a treatment", _is_quiet_already),
     Cause(
-        "noise", f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer", _is_noisy
+        "noise", f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer",
+        lambda row: _at_least("robot_noise_m_s2", NOISY_M_S2)(row) or _is_coarse(row),
     ),
     Cause("encoder", f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
     Cause("bus load", f"SYNC period of {1e3 * SHORT_SYNC_S:g} ms at {SLOW_BIT_S // 1000} kbit/s", _is_loaded),
-    Cause("cycle", f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
+    Cause(
+        "cycle", f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers",
+        lambda row: row.get("robot_late_answers") is True or _at_least("robot_sync_period_s", LONG_SYNC_S)(row),
+    ),
     Cause("limits", NOT_IN_FLEET, lambda row: False),
     Cause("another source of vibration", NOT_IN_FLEET, lambda row: False),
     Cause("wrong axis or wiring", NOT_IN_FLEET, lambda row: False),

@@ -73,7 +73,6 @@ class Rpdo(PdoSetup):
 
     Attributes:
         number: 1 for the first PDO.
-        deadline: Time by which the next frame must have come.
     """
 
     def __init__(

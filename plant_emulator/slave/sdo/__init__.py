@@ -1,7 +1,5 @@
 """SDO servers of a node (CiA 301, 7.2.4).
 
-They handle expedited, segmented and block transfers.
-
 >>> from plant_emulator.slave.dictionary import Dictionary
 >>> from plant_emulator.slave.objects import communication_entries
 >>> from plant_emulator.slave.sdo.server import SdoServer

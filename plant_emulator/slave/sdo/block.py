@@ -39,7 +39,6 @@ class BlockDownload:
         has_crc: True if the end brings a checksum.
 
     Attributes:
-        block_size: Segments granted for each sub-block.
         is_complete: True if the last segment of the value is there.
         has_heard: True if a segment of this sub-block has come, be it the right one or not.
     """
@@ -149,8 +148,6 @@ class BlockUpload:
 
     def acknowledge(self, number: int, block_size: int) -> None:
         """Process the client's acknowledgement.
-
-        It has the number of the last segment received in order, and the size of the next sub-block.
 
         Raises:
             SdoAbort: No segment of that number has been sent, or there is no such block size and more is to come.

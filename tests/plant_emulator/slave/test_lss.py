@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drive_profiles.standard.cia301 import DataType, NmtCommand, NmtState
-from drive_profiles.standard.cia305 import BIT_TIMINGS
+from drive_profiles.standard.cia305 import BIT_TIMINGS, UNCONFIGURED
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
-from plant_emulator.slave.lss import UNCONFIGURED, LssSlave, LssState
+from plant_emulator.slave.lss import LssSlave, LssState
 from plant_emulator.slave.objects import communication_entries
 from plant_emulator.slave.store import store_entries
 from tests.plant_emulator.slave.conftest import NODE, PumpedNetwork, device_entries

@@ -5,9 +5,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drive_profiles.standard.cia301 import NmtState
+from drive_profiles.standard.cia305 import UNCONFIGURED
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from plant_emulator.slave.dictionary import Dictionary
-from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave, SlaveNode
 from plant_emulator.slave.objects import PdoDefault, communication_entries
 
