@@ -22,6 +22,8 @@ SMOOTHED = 5.0
 """Accuracy: samples over which the motor speed is smoothed: a factor of 2 changes estimates by 3e-4, errors by 4 %."""
 SHOWN = (0.42, 0.5)
 """Bound: frequencies over the sampling rate between which a wave fades out, gradually, since a jump shakes the arm."""
+AT_ONCE = 8
+"""Accuracy: orders whose waves are made at once, for time alone: those of a scan fill no cache."""
 
 
 @dataclass(frozen=True)

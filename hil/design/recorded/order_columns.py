@@ -7,6 +7,7 @@ import numpy as np
 from hil.control.arrays import Real
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.slow import slow_columns
+from hil.design.transmission_error import AT_ONCE
 
 SCAN_FROM, SCAN_TO, ORDER_STEP = 0.6, 10.0, 0.01
 """Bound: orders of a scan, and their step: below lies what is slow. A peak of r revolutions is 1/r wide, ten steps at r = 10."""
@@ -14,8 +15,6 @@ SAMPLES_PER_TURN, LEAST_SAMPLES = 60, 500
 """Accuracy: samples that show the highest order of a scan: of more the neighbours are averaged, which takes 5 % of it."""
 MOST_NUMBERS = 60_000_000
 """Bound: numbers of all stretches' waves, 4 bytes each: of more the longest stretches are scanned."""
-AT_ONCE = 8
-"""Accuracy: orders whose columns are made at once, for time alone."""
 FLOOR_STEP = 10
 """Accuracy: rows from one median of a scan to the next, and from one order to the next at which it is seen how far apart orders
 must be to be told apart: a factor of 2 changes levels of four recordings by 2 %, and of four drawn ones by 0.6 %."""
