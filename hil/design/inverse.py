@@ -53,8 +53,6 @@ CHIRP_STEP_HZ = 0.1
 """Accuracy: step of the second derivative by the frequency: 6 % of it, and 0.1 % of a correction at 4 rev/s²."""
 LEAST_RPS = 1e-4
 """Accuracy: the speed that stands for 0, where 1/s has no value."""
-KEPT = 8
-"""Accuracy: tables that are kept, for time alone."""
 Orders = tuple[tuple[float, float], ...]
 """A number of each order."""
 
@@ -347,7 +345,7 @@ def cancellation_table(
     )  # fmt: skip
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=8)
 def _table(
     loop: Loop, amplitudes: Orders, phases: Orders, timing: CyclicTiming | InnerTiming, max_rps: float, actuation: Actuation,
     highest_hz: float, most_rad_s2: float, torque_lag_s: float, load: MotorLoad | None,

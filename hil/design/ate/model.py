@@ -32,8 +32,6 @@ BAND = (0.5, 2.1)
 """Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 RING_DOWN_RAD = 300.0
 """Accuracy: radians of the lowest frequency by which a transform is padded: a factor of 2 changes nothing."""
-TRANSFORMED = 8
-"""Accuracy: orders whose waves are transformed at a time, for time alone: those of a scan for orders fill no cache."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,10 @@ def _spectra_of_waves(
 ) -> tuple[Real, Complex]:
     """All frequencies, and the spectra of θ̈_m/N and of the waves of each order inside a band; shape (1 + 2·orders, m)."""
     angle, period_s, made = sweep.motor_angle_rad, sweep.period_s, []
-    for first in range(0, max(1, len(orders)), TRANSFORMED):
-        waves = shown_waves(angle, period_s, orders[first : first + TRANSFORMED])
+    for first in range(
+        0, max(1, len(orders)), 8
+    ):  # all waves of a scan for orders at once take twice the time: no cache has room
+        waves = shown_waves(angle, period_s, orders[first : first + 8])
         given = waves if first else np.vstack([angle / reduction_ratio, waves])
         frequency, spectra = acceleration_spectrum(given, period_s, length)
         made.append(spectra[:, inside].copy())  # the copy lets go of what lies outside
