@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from hil.control.arrays import Complex, Real
 from hil.control.cascade import Cascade
 from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
-from hil.design.frequency import RESONANCE_BAND, AnyComplex, Loop, TwoInertia
+from hil.design.frequency import AnyComplex, Loop, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
@@ -46,6 +46,8 @@ DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
 """Standard deviation of what the accelerometer's phase at `TILT_HZ` has beyond a delay: that of a low-pass with such a tilt.
 
 A Butterworth low-pass of the second order with the limit f_g turns the phase by √2/3 (f/f_g)³ more than a delay."""
+TIP_BAND = (0.5, 1.6)
+"""Band in which the tip is used, over f_a: in all of `RESONANCE_BAND` it makes f_a less certain than without an accelerometer."""
 LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 """Bound: time constant of a current loop, and delay of an accelerometer, that the fit accepts."""
 LEAST_TIP_DELAY_S = 2e-3
@@ -478,8 +480,8 @@ class PlantProblem:
 
     def focus(self, f_a: float) -> None:
         """Restrict the tip's residuals to lines around an antiresonance."""
-        over = self.data.frequency_hz / f_a
-        self._tip_lines = np.flatnonzero((over > RESONANCE_BAND[0]) & (over < RESONANCE_BAND[1]))
+        frequency = self.data.frequency_hz
+        self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 
     def plant(self, x: Real) -> TwoInertia:
         """Plant of the unknowns."""
