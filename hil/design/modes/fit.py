@@ -37,7 +37,8 @@ UNKNOWN_COST = 3.0
 """Accuracy: what an unknown more must bring, over what the information criterion asks, since scatter is not all that a model
 leaves: a factor of 2 changes nothing of an arm of three links, or two."""
 LEADING = 0.3
-"""Part of the largest tip part, or inertia, from which the lowest mode is the leading one."""
+"""Measured: part of the largest tip part, or inertia, from which the lowest mode is the leading one: 0.21 leads to the same modes
+of an arm of three links and one of two; 0.42 leads to another of the first, and 0.15 to another of the second."""
 
 
 def fit_modes(
