@@ -1,6 +1,5 @@
 """Drawn robots on which a fit ended in a wrong minimum: another delay with every phase turned by 180°, another resonance."""
 
-import math
 
 import pytest
 
@@ -56,7 +55,10 @@ def test_a_sensor_that_the_pilot_knows_is_no_other_one_in_the_main_run(tmp_path)
     """The main run's fit began with a delay of 1 ms and ended on a lever 44,000 times too long, with J_m 43 % off."""
     axis, steps, identified = begun(6, tmp_path)
     steps.plant()
-    assert identified().plant.values.motor_inertia_kg_m2 == pytest.approx(axis.motor_inertia_kg_m2, rel=0.03)
+    found = identified().plant
+    error = found.standard_error["motor_inertia_kg_m2"]
+    assert abs(found.values.motor_inertia_kg_m2 - axis.motor_inertia_kg_m2) < 3.0 * error
+    assert error < 0.05 * axis.motor_inertia_kg_m2
 
 
 def test_an_arm_of_4_hz_is_not_taken_for_one_that_turns_with_its_motor(tmp_path):
@@ -90,13 +92,9 @@ def test_a_soft_gear_is_found_from_its_plant_where_a_linear_arm_leads_astray(tmp
     assert found.arm_hz == pytest.approx(plant.antiresonance_hz, rel=0.03)
 
 
-@pytest.mark.parametrize(("seed", "sigmas"), [(10129, math.inf), (10139, 4.0)])
-def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, sigmas, tmp_path):
-    """Order 4 exceeds half of the SYNC rate and comes down at the resonance; an arm of 7 Hz still rings when a pass begins.
-
-    The error that 10129 states is not tested: its part τ is 0.07 to 0.25 % by chance, and A_2 is 0.5 to 0.7 % off
-    (docs/theory-gear.md).
-    """
+@pytest.mark.parametrize("seed", [10139, 51035])
+def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, tmp_path):
+    """Order 4 exceeds half of the SYNC rate and comes down at the resonance; an arm of 7 Hz still rings when a pass begins."""
     axis, steps, identified = begun(seed, tmp_path)
     steps.plant()
     steps.ate()
@@ -105,7 +103,7 @@ def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, si
         error = found.standard_error[f"a{order:g}_arcsec"]
         assert error < 0.01 * expected[order]
         assert abs(size - expected[order]) < 0.01 * expected[order]
-        assert abs(size - expected[order]) < sigmas * error
+        assert abs(size - expected[order]) < 4.0 * error
 
 
 def learnt(seed, folder):
