@@ -98,13 +98,13 @@ def test_standard_errors_are_what_the_scatter_over_seeds_is() -> None:
 
 @pytest.mark.ci
 def test_without_the_accelerometer_it_says_less_but_nothing_else() -> None:
-    data = synthetic(3)
+    data = synthetic(3, noise=3e-4)  # with less the motor alone shows f_a as well as both do
     with_tip = fit_plant(data, timing(), 120.0, LEVER)
     without = fit_plant(Spectra(data.frequency_hz, data.excitation, data.angle, data.torque, None), timing(), 120.0, LEVER)
     assert without.tip is None
     assert "lever_ratio" not in without.parameters
     assert without.plant.antiresonance_hz == pytest.approx(with_tip.plant.antiresonance_hz, rel=3e-3)
-    assert without.parameters["antiresonance_hz"].standard_error > with_tip.parameters["antiresonance_hz"].standard_error
+    assert without.parameters["antiresonance_hz"].standard_error > 1.2 * with_tip.parameters["antiresonance_hz"].standard_error
 
 
 @pytest.mark.ci
