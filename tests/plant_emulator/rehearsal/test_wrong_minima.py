@@ -1,6 +1,5 @@
 """Drawn robots on which a fit ended in a wrong minimum: another delay with every phase turned by 180°, another resonance."""
 
-
 import pytest
 
 from drive_profiles.files.toml import loads
