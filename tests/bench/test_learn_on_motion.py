@@ -120,9 +120,9 @@ def test_a_probe_beyond_a_limit_is_refused_with_what_to_do(tmp_path: Path) -> No
     [
         (0.5, LineError, "duration_s"),
         (
-            0.75,
+            0.78,
             UnsafeRequestError,
-            r"the rest of the limit is kept for vibration; choose --pace 0\.7[6-8]",
+            r"the rest of the limit is kept for vibration; choose --pace 0\.8\d",
         ),  # it can be followed, but without any room
     ],
 )

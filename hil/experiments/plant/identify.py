@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from hil.control.arrays import Real
-from hil.control.cancellation_table import LIMIT_USED
 from hil.design.estimation import UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
 from hil.design.modes.fit import fit_modes
@@ -34,6 +33,7 @@ from hil.experiments.plant.checks import (
 )
 from hil.experiments.plant.evaluation import PlantEvaluation, cannot_tell
 from hil.experiments.plant.motion import (
+    FAST_FRACTION,
     Band,
     ExcitedSignal,
     PlannedMotion,
@@ -129,7 +129,7 @@ class PlantIdentification:
         self.travel = self._travel(main_band(self.request, sync_s, rough.plant, limit_rps, is_wide=is_arm))
         amplitude = self.request.amplitude_nm or self._chosen(rough, room)
         self._reporter.step("slow turns for friction and gravity")
-        fastest = fast_speed(rough.plant.antiresonance_hz, LIMIT_USED * self.table.limits.speed_rps)
+        fastest = fast_speed(rough.plant.antiresonance_hz, FAST_FRACTION * self.table.limits.speed_rps)
         slow = slow_motion(self.bench, self.request, self.travel, self.start_rev, fastest)
         try:
             friction = self._friction(slow, self._run("slow", slow), rough.plant.gear_stiffness_nm_rad)

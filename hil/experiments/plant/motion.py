@@ -39,9 +39,9 @@ SLOW_TURNS = 4.0
 10735) by up to 3.7 standard errors, which they change by up to 42 %."""
 SLOW_RPS = (0.4, 0.8)
 """Bound: speeds of the slow turns, beside the bias speed: below 1 rev/s static friction shows."""
-FAST_RPS = 3.5
+FAST_RPS, FAST_FRACTION = 3.5, 0.5
 """Measured with `SLOW_TURNS`: fastest of the slow turns: 4.9 changes 0.6; with 2.5, τ_C of 10730 is 7.8 standard errors off its
-value and has 12 times the error."""
+value and has 12 times the error. It is no faster than half of the speed limit, so that no vibration comes near that."""
 
 LEAST_TURNS = 6.01
 """Bound: motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""

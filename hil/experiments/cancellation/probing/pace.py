@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.control.arrays import Real
-from hil.control.cancellation_table import LIMIT_USED
 from hil.design.probing import ProbedStep, step_to_nothing
 from hil.errors import UnsafeRequestError
 from hil.experiments.cancellation.effect import Part
@@ -26,6 +25,9 @@ from hil.experiments.cancellation.probing.runs import Runs, paced
 from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.motions import line_motion
 from hil.master.motion import Motion
+
+SPEED_ROOM = 0.9
+"""Fraction of an axis' limit of speed up to which a line may go at another pace: probes and what shakes need the rest."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ def paced_line(bench: Bench, pace: float) -> Motion:
     motion = line_motion(paced(bench, pace), bench.bus.sync_period_s)
     speeds = np.max(np.abs(np.gradient(motion.motor_angle_rad, motion.period_s, axis=0)), axis=0) / (2.0 * np.pi)
     for number, speed in zip(motion.axes, speeds.tolist(), strict=True):
-        most = LIMIT_USED * bench.axis[number].limits.speed_rps
+        most = SPEED_ROOM * bench.axis[number].limits.speed_rps
         if speed > most:
             remedy = (
                 "the rest of the limit is kept for vibration; choose --pace "
