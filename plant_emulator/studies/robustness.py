@@ -408,8 +408,8 @@ class Study:
 
 IN_STEP = 4
 """Plants that are simulated in lock-step."""
-MOST_TOGETHER = 6 * IN_STEP
-"""Most plants of a bundle: the last one keeps a process while the others have nothing left to do.
+MOST_TOGETHER = 12 * IN_STEP
+"""Most plants of a bundle.
 
 Each bundle prepares its study anew: 1 ms with a filter; a plant takes 9 to 14 ms (one core of a two-core machine).
 """
