@@ -4,6 +4,7 @@ With arm and sensor from bench and model file, the signal gives the error of the
 """
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -52,7 +53,7 @@ class SensedFiles:
         if each.rows.start > 8:
             return each
         arm, angle = self.prior.arm, recorded.motor_rad
-        rings_s = -math.log(STILL_RINGS) / (2.0 * math.pi * arm.resonance_hz * arm.damping)
+        rings_s = -math.log(STILL_RINGS) / max(2.0 * math.pi * arm.resonance_hz * arm.damping, sys.float_info.min)
         start = int(np.searchsorted(recorded.time_s, rings_s))
         if each.rows.stop - start < 2:
             return None
