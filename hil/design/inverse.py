@@ -54,7 +54,7 @@ CHIRP_STEP_HZ = 0.1
 LEAST_RPS = 1e-4
 """Accuracy: the speed that stands for 0, where 1/s has no value."""
 Orders = tuple[tuple[float, float], ...]
-"""A number of each order."""
+"""Pairs of an order and its value."""
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,8 @@ DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
 
 A Butterworth low-pass of the second order with the limit f_g turns the phase by √2/3 (f/f_g)³ more than a delay."""
 TIP_BAND = (0.5, 1.6)
-"""Accuracy: band in which the tip is used, over f_a: a factor of 2 in either end changes 0.7, errors by a factor of 2. f_a of
-three of four draws is less certain with a tip than without, in all of `RESONANCE_BAND` that of four."""
+"""Band in which the tip is used, over f_a. A factor of 2 in either end changes 0.7, and errors by a factor of 2; with the whole
+of `RESONANCE_BAND`, f_a was less certain with an accelerometer than without in each of four draws."""
 LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 """Bound: time constant of a current loop, and delay of an accelerometer, that the fit accepts."""
 LEAST_TIP_DELAY_S = 2e-3

@@ -23,7 +23,7 @@ SMOOTHED = 5.0
 SHOWN = (0.42, 0.5)
 """Bound: frequencies over the sampling rate between which a wave fades out, gradually, since a jump shakes the arm."""
 AT_ONCE = 8
-"""Accuracy: orders whose waves are made at once, for time alone: those of a scan fill no cache."""
+"""Accuracy: orders whose waves are made at once, for time alone: the waves of a whole scan exceed the processor's caches."""
 
 
 @dataclass(frozen=True)

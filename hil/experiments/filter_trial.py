@@ -11,8 +11,9 @@ own largest peak.
 
 A filter turns the waves of the orders, which add to each other and to the jolt of the motion's start; whether the peak of a
 window rises thus depends on the motor angle at which the motion starts, and users start anywhere. So runs are compared from
-several angles, those of a pair from the same one with the arm at rest, and the worst of them counts. How far they differ tells
-what to expect from another one: by Student's t distribution, a rise is too probable there as well from `RISK` on.
+several angles, those of a pair from the same one with the arm at rest, and the worst of them counts. Their spread tells
+what to expect from another angle: filters are refused too if a rise there has, by Student's t distribution, a probability of
+`RISK` or more.
 """
 
 import math

@@ -40,7 +40,7 @@ class Ripple:
     """Coefficients C of each order that exceeds half of the sampling rate.
 
     Attributes:
-        waves: C in rad by order, forwards and backwards; shape (2, 2).
+        waves: C in rad by order, forwards and backwards, of f_k/|f_m| and its square; shape (2, 2).
     """
 
     period_s: float = 1.0

@@ -9,8 +9,8 @@ import numpy as np
 from hil.control.arrays import Real
 
 MOVING = 0.03
-"""Accuracy: speed from which a motor moves, by the quickest that it does; what is slower begins or ends a motion: a factor of 2
-changes 0.7 in four recordings, errors by 51 %."""
+"""Speed from which a motor moves, by the quickest that it does; what is slower begins or ends a motion. In four recordings a
+factor of 2 changes 0.7, and errors by 51 %."""
 ACROSS = 4
 """Accuracy: samples to either side between which a speed is taken: a factor of 2 changes nothing in two recordings."""
 QUICK = 95.0

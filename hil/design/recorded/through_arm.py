@@ -23,8 +23,8 @@ from hil.design.recorded.slow import degrees_for, slow_columns
 FINE_S = 0.0005
 """Accuracy: step on which the arm answers: 0.1 % at 30 Hz."""
 PASSED_UP_TO = 3.0
-"""Accuracy: highest frequency that is fitted, by the arm's, since a sensor shows noise beyond: in two recordings 4.2 changes 0.5,
-errors by 9 %, and 2.1 changes 1.9, errors by 39 %."""
+"""Highest frequency that is fitted, by the arm's, since a sensor shows noise beyond. In two recordings 4.2 changes 0.5, and
+errors by 9 %; 2.1 changes 1.9, and errors by 39 %."""
 DIFFERENCE = 0.05
 """Accuracy: step of a slope in resonance, damping and delay, by their errors: a factor of 2 changes 0.005 in two recordings."""
 MOST_FINE = 4_000_000

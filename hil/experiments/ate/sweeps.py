@@ -14,8 +14,8 @@ from hil.recording import Recording
 from hil.robot_tables import ORDERS
 
 SKIP_TORQUE = 0.12
-"""Accuracy: fraction of a ramp, from its beginning, that does not count without an accelerometer, since the torque is friction's
-there: a factor of 2 changes 1.0, and on one of four drawn robots takes two more passes."""
+"""Fraction of a ramp, from its beginning, that does not count without an accelerometer, since the torque is friction's there. A
+factor of 2 changes 1.0, and takes two more passes on one of four drawn robots."""
 
 
 def run_pass(

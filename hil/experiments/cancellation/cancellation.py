@@ -51,8 +51,8 @@ LOAD_ROOM = 1.5
 """Accuracy: largest gear torque that counts, over that of gravity and of the motion's largest acceleration: a factor of 2 changes
 0.16, and no tip by 0.0002 mm."""
 FOLLOWING_PART = 0.05
-"""Measured: largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`: 0.6
-to 2.1 % on the drawn robots 50201, 50202, 50204 and 50205."""
+"""Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`. The drawn
+robots 50201, 50202, 50204 and 50205 need 0.6 to 2.1 %."""
 
 
 class Pace(NamedTuple):

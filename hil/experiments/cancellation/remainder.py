@@ -3,8 +3,9 @@
 The causes are those that the trial's own recordings show.
 
 A cause is named only if its own vibration, predicted independently of the remainder, is found in it: without that vibration
-the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, the result says so. The
-causes:
+the remainder must meet the goal, or at least half of its excess must vanish. Images are the exception: at the SYNCs they look
+like orders, so orders that were learnt there hide them. If nothing else is found, images that alone exceed the goal are the
+cause. If no cause qualifies, the result says so. The causes:
 
 - `speed limit`: the part for which neither set-points nor torque had room, by the tables of the cancellation.
 - `frequency limit`: the part that the tables leave out towards the highest frequency of the cancellation, and the images of slow

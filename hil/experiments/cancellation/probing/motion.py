@@ -27,7 +27,7 @@ than its width 2 ζ f, 3 Hz at 30 Hz with ζ = 0.05."""
 LEAST_KEPT = 0.5
 """Probability: fraction of the rest of an effect that must be no noise, so that it is kept."""
 LEAST_PART_SEEN = 0.9
-"""Probability: part of an order's prior variance that the runs tell, so that nothing found is a finding: a tenth is open."""
+"""Part of an order's prior variance that the runs must remove before an order that they do not show counts as absent."""
 
 
 def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: slice) -> Effects:

@@ -1,4 +1,4 @@
-"""What a cancellation leaves, and its cause: named only where its own vibration is found in what is left."""
+"""What a cancellation leaves, and its cause: one whose own vibration is found in it, or images that learnt orders hide."""
 
 import math
 from collections.abc import Collection
