@@ -131,6 +131,7 @@ class Sighting:
         amplitude: Amplitude at the tip in arcsec, by part.
         unit_variance: Variance of either component of it for residuals of variance 1, by part.
         residual: What the waves leave of the vibration in m/s²; shape (rows,).
+        free: Fraction of the noise that the fit leaves in it, by power; the waves take the rest for their own.
         vibration: The vibration itself; shape (rows,).
         waves: Wave of each part for an amplitude of 1 and of j; shape (rows, 2).
         jolt: Amplitude of each part's wave that is most like the motion's own vibration, in arcsec.
@@ -139,6 +140,7 @@ class Sighting:
     amplitude: Mapping[Part, complex]
     unit_variance: Mapping[Part, float]
     residual: Real
+    free: float
     vibration: Real
     waves: Mapping[Part, Real]
     jolt: Mapping[Part, float] = field(default_factory=dict)
@@ -149,7 +151,7 @@ class Sighting:
 
     def variance(self, part: Part) -> float:
         """Variance of either component of a part's amplitude, by residual and leakage."""
-        noise = max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
+        noise = max(float(np.mean(self.residual**2)) / self.free, LEAST_NOISE_M_S2**2)
         leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
         return self.unit_variance[part] * (noise + LEAK**2 * leaks)
 
@@ -200,6 +202,25 @@ class _Spectra:
         whole = scipy.fft.irfft(spectra, self._length)[..., : self._count]
         return np.asarray(whole[..., self._rows])
 
+    def noise_in(self, columns: Real, solver: Real) -> tuple[float, Real]:
+        """White noise in a fit: fraction of its power that is left, one sample's at least, and covariance of the unknowns.
+
+        tr (I − H) C (I − H)ᵀ/tr C and K C Kᵀ n/tr C per residual variance; C is the covariance behind the band-pass, A the
+        columns, shape (n, unknowns), K their solver, H = A K.
+        """
+        both = np.zeros((2, columns.shape[1], self._count))
+        both[:, :, self._rows] = columns.T, solver
+        spectra = scipy.fft.rfft(both, self._length) * self._weight
+        # sums over both halves of a spectrum: its ends count once
+        ends = np.full(len(self.frequency), 2.0 / self._length)
+        ends[0] *= 0.5
+        ends[-1] *= 1.0 - 0.5 * float(self._length % 2 == 0)
+        seen, solved = spectra
+        covariance = ((solved * ends) @ solved.conj().T).real
+        taken = 2.0 * np.sum(ends * (solved * seen.conj()).real) - np.sum(columns.T @ columns * covariance)
+        samples = self.independent * len(columns)
+        return max(1.0 - float(taken) / samples, min(1.0, 1.0 / samples)), covariance / self.independent
+
     def columns(self, axis: AxisWaves, response: Response) -> Real:
         """Columns of an axis; shape (rows, 2 orders + 2)."""
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
@@ -236,21 +257,27 @@ def acceleration_of(
     return np.asarray(made[: len(values)])
 
 
-def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
-    """Unknowns of least squares, their variances per residual variance, and the residual."""
+def _solver(columns: Real) -> tuple[Real, Real]:
+    """Matrix that solves least squares, the transposed shape, and the unknowns' errors for what the rows do not show."""
     scale = np.sqrt(np.sum(columns**2, axis=0)) + np.finfo(np.float64).tiny ** 0.25
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
     inverse = np.linalg.inv(scaled.T @ scaled + ROUNDING * np.eye(len(scale)))
-    unknowns = inverse @ (scaled.T @ wanted) / scale
-    return unknowns, np.diag(inverse) / scale**2, wanted - columns @ unknowns
+    return inverse @ scaled.T / scale[:, np.newaxis], math.sqrt(ROUNDING) * inverse / scale[:, np.newaxis]
 
 
 def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> Sighting:
     """Read the complex amplitudes of all orders of all axes from one recording."""
     spectra = _Spectra(recording, axes, rows, band_hz)
     columns = [spectra.columns(axis, axis.response) for axis in axes]
-    unknowns, variance, residual = _with_motion_known(np.concatenate(columns, axis=1), axes, spectra)
+    whole = np.concatenate(columns, axis=1)
+    known, values = _motion_known(whole, axes, spectra)
+    solver, unseen = _solver(np.vstack([whole, known]))
+    by_rows, by_known = np.split(solver, [len(whole)], axis=1)
+    unknowns = by_rows @ spectra.signal + by_known @ values
+    residual = spectra.signal - whole @ unknowns
+    free, covariance = spectra.noise_in(whole, by_rows)
+    variance = np.diag(covariance) + np.sum(np.hstack([by_known, unseen]) ** 2, axis=1) / spectra.independent
     amplitude, unit, waves, at = {}, {}, {}, 0
     own_vibration = np.zeros(len(spectra.signal))
     for axis, own in zip(axes, columns, strict=True):
@@ -258,25 +285,25 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
             part = Part(axis.number, order)
             waves[part] = own[:, 2 * index : 2 * index + 2]
             amplitude[part] = complex(unknowns[at], unknowns[at + 1])
-            unit[part] = 0.5 * float(variance[at] + variance[at + 1]) / spectra.independent
+            unit[part] = 0.5 * float(variance[at] + variance[at + 1])
             at += 2
         planned = own[:, 2 * len(axis.orders) :]
         own_vibration += planned @ unknowns[at : at + planned.shape[1]]
         at += planned.shape[1]
     jolt = {part: float(np.linalg.norm(np.linalg.pinv(wave) @ own_vibration)) for part, wave in waves.items()}
-    return Sighting(amplitude, unit, residual, spectra.signal, waves, jolt)
+    return Sighting(amplitude, unit, residual, free, spectra.signal, waves, jolt)
 
 
-def _with_motion_known(columns: Real, axes: Sequence[AxisWaves], spectra: _Spectra) -> tuple[Real, Real, Real]:
-    """Solve with what is known of the planned motions: two rows more for each axis, weighed by the noise."""
-    residual = _solved(columns, spectra.signal)[2]
-    weight = math.sqrt(float(np.mean(residual**2)) / spectra.independent) / PLANNED_SPREAD
+def _motion_known(columns: Real, axes: Sequence[AxisWaves], spectra: _Spectra) -> tuple[Real, Real]:
+    """What is known of the planned motions: two rows more for each axis, weighed by the noise, and their values."""
+    solver = _solver(columns)[0]
+    residual = spectra.signal - columns @ (solver @ spectra.signal)
+    noise = float(np.mean(residual**2)) / (spectra.independent * spectra.noise_in(columns, solver)[0])
+    weight = math.sqrt(noise) / PLANNED_SPREAD
     ends = np.cumsum([2 * len(axis.orders) + 2 for axis in axes])
     known = np.zeros((2 * len(ends), columns.shape[1]))
     known[np.arange(len(known)), np.stack([ends - 2, ends - 1], axis=1).ravel()] = weight
-    wanted = np.tile([weight, 0.0], len(ends))
-    unknowns, variance, _ = _solved(np.vstack([columns, known]), np.append(spectra.signal, wanted))
-    return unknowns, variance, spectra.signal - columns @ unknowns
+    return known, np.tile([weight, 0.0], len(ends))
 
 
 def refined(
@@ -308,13 +335,22 @@ class _Refinement:
 
     def __init__(self, spectra: Sequence[_Spectra], axis: AxisWaves, others: Sequence[Sequence[Real]]) -> None:
         self._spectra, self._axis, self._others = spectra, axis, others
-        independent = sum(one.independent * len(one.signal) for one in spectra)
-        self._noise = max(self._power(np.zeros(3)) / max(independent, 1.0), 1e-30)
+        samples = sum(
+            one.independent * len(one.signal) * one.noise_in(*self._fit(one, np.zeros(3), beside))[0]
+            for one, beside in zip(spectra, others, strict=True)
+        )
+        self._noise = max(self._power(np.zeros(3)) / max(samples, 1.0), 1e-30)
+
+    def _fit(self, one: _Spectra, steps: Real, beside: Sequence[Real]) -> tuple[Real, Real]:
+        """Columns of a recording and their solver."""
+        columns = np.concatenate([one.columns(self._axis, self._axis.response.varied(steps)), *beside], axis=1)
+        return columns, _solver(columns)[0]
 
     def _power(self, steps: Real) -> float:
-        response, total = self._axis.response.varied(steps), 0.0
+        total = 0.0
         for one, beside in zip(self._spectra, self._others, strict=True):
-            residual = _solved(np.concatenate([one.columns(self._axis, response), *beside], axis=1), one.signal)[2]
+            columns, solver = self._fit(one, steps, beside)
+            residual = one.signal - columns @ (solver @ one.signal)
             total += one.independent * float(residual @ residual)
         return total
 

@@ -82,6 +82,29 @@ def test_the_standard_errors_are_those_of_the_noise() -> None:
     assert 0.5 < float(np.sqrt(np.mean(np.square(z)))) < 1.6
 
 
+@pytest.mark.parametrize("until_s", [0.6, 0.8, 2.4])
+def test_standard_errors_hold_however_short_the_recording(until_s: float) -> None:
+    """Waves take a part of the noise for their own, and of a short recording a large one; their band's ends are quieter."""
+    quiet, z = shaken(ramp(), 0.0), []
+    counted = np.asarray((quiet.time_s > 0.2) & (quiet.time_s < until_s))
+    true = sight(quiet, [axis()], counted, (6.0, 25.0)).amplitude
+    for seed in range(150):
+        noise = 0.2 * np.random.default_rng(seed).standard_normal(len(quiet.time_s))
+        noisy = Recording({**quiet.columns, "tip_z_m_s2": quiet.felt_m_s2 + noise})
+        found = sight(noisy, [axis()], counted, (6.0, 25.0))
+        for part in (Part(2, order) for order in TRUE):
+            away, error = found.amplitude[part] - true[part], math.sqrt(found.variance(part))
+            z += [away.real / error, away.imag / error]
+    assert float(np.sqrt(np.mean(np.square(z)))) == pytest.approx(1.0, abs=0.12)
+
+
+def test_what_no_row_shows_has_a_huge_standard_error() -> None:
+    """An order far below the band has no column to speak of: nothing is known of it, and it is not exactly zero."""
+    recording = shaken(ramp(), 0.02)
+    found = sight(recording, [axis(orders=(0.001, 2, 4))], rows(recording), (6.0, 25.0))
+    assert math.sqrt(found.variance(Part(2, 0.001))) > 1e4
+
+
 def test_a_planned_motion_does_not_explain_what_it_hardly_shows() -> None:
     """Late in a ramp its start rings no more: a wave that nobody knows stays in the residual."""
     recording = shaken(ramp(), 0.02)

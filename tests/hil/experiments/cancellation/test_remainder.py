@@ -46,7 +46,7 @@ def look(gain: float, left: dict[Part, complex], other: NDArray[np.float64] | No
     rest = np.zeros(ROWS) if other is None else other
     vibration = rest + sum(waves[part] @ np.array([size.real, size.imag]) for part, size in left.items())
     unit = dict.fromkeys(left, 1e-6)
-    return Look({TWO: gain}, Sighting(left, unit, rest, np.asarray(vibration), waves))
+    return Look({TWO: gain}, Sighting(left, unit, rest, 1.0, np.asarray(vibration), waves))
 
 
 def table(share: NDArray[np.float64], asked: NDArray[np.float64] | None = None) -> CancellationTable:
