@@ -168,7 +168,7 @@ class CancellationLaw:
         self._config["step_rps"][row] = table.step_rps
         self._waves[row, :columns] = [(wave.order, wave.phase_rad, 1.0) for wave in table.waves]
         is_own = np.array([wave.degree == 1 for wave in table.waves])
-        sampled = table.motion + (0.0 if table.image is None else table.image)
+        sampled = table.motion + (0.0 if table.image is None else np.sum(table.image, axis=0))
         self._table[row, :columns, :given, 4] = np.where(is_own[:, np.newaxis], np.real(sampled), 0.0)
         self._table[row, :columns, :given, 13] = np.where(is_own[:, np.newaxis], np.imag(sampled), 0.0)
         self._config["most_rad_s2"][row] = table.most_rad_s2

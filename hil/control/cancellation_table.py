@@ -68,6 +68,8 @@ class WaveLabel:
 
 SAME_ORDER = 1e-6
 """Orders that differ by less are one."""
+IMAGES = (-2, -1, 1, 2)
+"""Accuracy: multiples of the SYNC rate at which images count: those beyond are below 1e-4 of an order."""
 ARRAYS = ("reference", "torque", "motion", "bend", "torque_bend", "load_reference", "load_torque", "image", "asked")
 """Arrays of a table, which scale alike."""
 
@@ -111,7 +113,7 @@ class CancellationTable:
         load_reference: What the set-point has to add for each N·m of τ_g, with the whole reaction; shape (waves, speeds).
         load_torque: The same of the torque offset.
         motor_load: How τ_g is told; None if it does not react on the motor.
-        image: Motion at the SYNCs by images of the sampled set-points, in rad; shape (waves, speeds). None: nothing.
+        image: Motion by each of the images of the sampled set-points, in rad; shape (`IMAGES`, waves, speeds). None: nothing.
         asked: `motion` without a speed limit; shape (waves, speeds). None: the same.
 
     Raises:
@@ -137,7 +139,7 @@ class CancellationTable:
         shape = np.shape(self.reference)
         fits = len(shape) == 2 and shape[0] == len(self.waves) and shape[1] >= 2
         others = [part for name in ARRAYS[1:] if (part := getattr(self, name)) is not None]
-        if not fits or any(np.shape(part) != shape for part in others):
+        if not fits or any(np.shape(part)[-2:] != shape for part in others):
             shapes = ", ".join(str(np.shape(part)) for part in (self.reference, *others))
             raise ValueError(
                 f"tables of shapes {shapes} do not fit {len(self.waves)} waves; expected one row per wave, and equal shapes"
@@ -171,7 +173,7 @@ class CancellationTable:
         kept = [index for index, wave in enumerate(self.waves) if not wave.sources & out]
         if not kept:
             return None
-        return self._with(lambda part: part[kept], tuple(self.waves[index] for index in kept))
+        return self._with(lambda part: part[..., kept, :], tuple(self.waves[index] for index in kept))
 
     def within_speed(
         self,

@@ -38,7 +38,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from hil.control.arrays import Complex, Real
-from hil.control.cancellation_table import ARRAYS, CancellationTable, MotorLoad, WaveLabel
+from hil.control.cancellation_table import ARRAYS, IMAGES, CancellationTable, MotorLoad, WaveLabel
 from hil.design.counter_motion import counter_motion
 from hil.design.frequency import TIP_HZ, Loop
 
@@ -47,8 +47,6 @@ Actuation = Literal["reference", "torque", "torque alone"]
 
 STEP_RPS = 0.05
 """Accuracy: step of a table's speeds: 0.2 Hz of order 4, a tenth of the width of a resonance of 12 Hz with ζ = 0.08."""
-IMAGES = (-2, -1, 1, 2)
-"""Accuracy: multiples of the SYNC rate at which images count: those beyond are below 1e-4 of an order."""
 CHIRP_STEP_HZ = 0.1
 """Accuracy: step of the second derivative by the frequency: 6 % of it, and 0.1 % of a correction at 4 rev/s²."""
 LEAST_RPS = 1e-4
@@ -156,6 +154,19 @@ def _torque_per_motor_angle(loop: Loop, frequency_hz: Real, torque_lag_s: float)
     return np.asarray(motor * (1.0 + torque_lag_s * jw))
 
 
+def made_error(loop: Loop, frequency_hz: float, torque_lag_s: float, covariance: Real) -> float:
+    """Standard error of the part of a motion that the motor makes, for set-points alone.
+
+    Re d ln(Δθ_ref/Δθ_m) by J_m, D_m and λ, of which `covariance` is that of the errors; shape (3, 3).
+    """
+    at = np.array([frequency_hz])
+    jw = 2j * math.pi * at
+    lagged, motor = 1.0 + torque_lag_s * jw, loop.plant.terms(jw)[0]
+    by = np.array([jw**2 * lagged, jw * lagged, motor * jw]) / torque_per_reference(loop, at)
+    slope = (by / reference_per_motor_angle(loop, at, torque_lag_s=torque_lag_s)).real[:, 0]
+    return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+
+
 def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
     """Torque at the motor per rad of set-point, K_pp F_n H C_v.
 
@@ -211,13 +222,12 @@ class Way:
         return np.asarray(self._inverse(frequency_hz) / self.timing.reference(frequency_hz))
 
     def image_per_motion(self, frequency_hz: Real) -> Complex:
-        """Motion at the SYNCs by the images of what is sampled, for each rad; shape (speeds,).
+        """Motion by each image of what is sampled, for each rad; shape (`IMAGES`, speeds).
 
         At a SYNC an image looks like its sine.
         """
-        if self.actuation == "torque":  # where both act together nothing is allowed for
-            return np.zeros(len(frequency_hz), dtype=np.complex128)
-        return sum((each.motion for each in self._images(frequency_hz)), np.zeros(len(frequency_hz), dtype=np.complex128))
+        found = [] if self.actuation == "torque" else self._images(frequency_hz)  # where both act nothing is allowed for
+        return np.array([each.motion for each in found] or np.zeros((len(IMAGES), len(frequency_hz))), dtype=np.complex128)
 
     def worth(self, frequency_hz: Real) -> Real:
         """Part of a sine whose cancellation leaves the least at the tip; shape (speeds,).
@@ -383,7 +393,7 @@ def _table(
         rows["torque_bend"].append(bends * size * left * _chirp(way.torque_per_motion, frequency, k))
         rows["load_reference"].append(slope * way.reference_per_torque(frequency))
         rows["load_torque"].append(slope * way.torque_per_torque(frequency))
-    arrays: dict[str, Any] = {name: np.asarray(given) for name, given in rows.items()}
+    arrays: dict[str, Any] = {name: np.stack(given, axis=-2) for name, given in rows.items()}
     return CancellationTable(tuple(labels), STEP_RPS, most_rad_s2=most_rad_s2, motor_load=load, **arrays)
 
 

@@ -25,7 +25,6 @@ from hil.control.cancellation_table import LIMIT_USED, CancellationTable, MotorL
 from hil.design.frequency import CONTROL_PERIOD_S, TIP_HZ
 from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
 from hil.design.ringing import RINGING
-from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offset
 from hil.experiments.cancellation.effect import Part, Response
@@ -320,11 +319,9 @@ def phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
 
 
 def known_lag_s(identified: Identified | None, number: int) -> float:
-    """Identified lag of an axis' current loop; 0 unless it is significant."""
+    """Identified lag of an axis' current loop, 0 without a plant: J_m and D_m go with it, however uncertain it is."""
     part = identified_axis(identified, number).plant
-    if part is None or part.torque_lag_s < CORNER_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
-        return 0.0
-    return part.torque_lag_s
+    return 0.0 if part is None else part.torque_lag_s
 
 
 def motor_load(bench: Bench, identified: Identified | None, model: Model, number: int, most_rad_s2: float) -> MotorLoad | None:

@@ -54,9 +54,6 @@ SAME = 0.1
 DELAY, REACTION, GAIN = "delay", "reaction", "gain"
 UNKNOWN_YET = Estimate((), np.zeros(0), np.zeros((0, 0)))
 
-_MADE = math.hypot(MADE_ALIKE, MADE_ALONG), MADE_ACROSS
-"""Standard errors of one order's correction as the motor makes it, along and across."""
-
 
 @dataclass(frozen=True)
 class OrderValue:
@@ -113,6 +110,7 @@ class Correction:
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
         acted_reaction: Reaction r_c that it was made for.
+        made_error: Standard error of the part that the motor makes of all corrections, by the errors of its plant.
         torque_shows: Reaction as the motor's torque shows it; None if it is not known.
         contradicted: Orders whose known value the passes contradict, with the known value.
         passed: Orders whose resonance the ramps have passed.
@@ -120,6 +118,7 @@ class Correction:
 
     part: IdentifiedError | None = None
     period_s: float = 1e-3
+    made_error: float = 0.0
     known: dict[float, OrderValue] = field(default_factory=dict, init=False)
     acted: dict[float, OrderValue] = field(default_factory=dict)
     acted_delay_s: float = 0.0
@@ -145,6 +144,16 @@ class Correction:
                 along, turned = (errors.get(key) for key in order_keys([order]))
                 self.known[order] = OrderValue("known", amplitude, phases[order] % 360.0, along, turned)
 
+    @property
+    def _made_alike(self) -> float:
+        """Standard error of the motor's motion by a correction, in all amplitudes alike."""
+        return math.hypot(MADE_ALIKE, self.made_error)
+
+    @property
+    def _made(self) -> tuple[float, float]:
+        """Standard errors of one order's correction as the motor makes it, along and across."""
+        return math.hypot(self._made_alike, MADE_ALONG), MADE_ACROSS
+
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
         """Take each order's prior from what was known and a fit.
 
@@ -159,7 +168,7 @@ class Correction:
         self.passed = frozenset(passed)
         delay = self.set_point_delay_s, self.delay_error_s
         # r before its two priors: as wide as they are apart, and either as likely
-        values = {} if self._prior.names else {DELAY: delay, REACTION: (REACTS, 1.0), GAIN: (0.0, MADE_ALIKE)}
+        values = {} if self._prior.names else {DELAY: delay, REACTION: (REACTS, 1.0), GAIN: (0.0, self._made_alike)}
         shown = {each.order for each in self._left}
         self._fits |= {order: _fitted(order, estimate) for order in estimate.error.amplitude_arcsec}
         begun = {*self.known, *estimate.error.amplitude_arcsec} - shown
@@ -239,7 +248,7 @@ class Correction:
         off = abs(z - begun.phasor) / math.sqrt(2.0) if self._is_made_otherwise(order) else 0.0
         along, across = (
             math.hypot(error, max(made * abs(z), off))
-            for error, made in zip(_errors_of(found, order, begun.amplitude_arcsec), _MADE, strict=True)
+            for error, made in zip(_errors_of(found, order, begun.amplitude_arcsec), self._made, strict=True)
         )
         turned_deg = math.degrees(cmath.phase(z)) % 360.0
         return OrderValue("learnt", abs(z), turned_deg, along, math.degrees(across / max(abs(z), across)))
@@ -282,7 +291,7 @@ class Correction:
         begun, found = self._begun[order], self._posterior
         off = (self._phasor(order) - begun.phasor) * self._turned[order].conjugate()
         size = begun.amplitude_arcsec
-        errors = zip(begun.sigmas_arcsec, _errors_of(found, order, size), _MADE, strict=True)
+        errors = zip(begun.sigmas_arcsec, _errors_of(found, order, size), self._made, strict=True)
         return _differ(off, *(math.hypot(known, shown, made * size) for known, shown, made in errors))
 
     def error_arcsec(self, order: float) -> float:

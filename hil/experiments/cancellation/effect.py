@@ -36,8 +36,8 @@ LOWEST_HZ = 0.3
 LEAST_NOISE_M_S2 = 1e-5
 """Bound: noise that every accelerometer has: no verdict rests on less."""
 LEAK = 0.01
-"""Measured: fraction of other orders' vibration that a response which is not quite X adds to an order's: on 130 drawn robots the
-rms of z of a cancellation's factor and turn is 0.45 to 0.95."""
+"""Measured: fraction of other orders' vibration that a response which is not quite X adds to an order's: on 50 drawn robots
+(50201 to 50299) the rms of z of a cancellation's factor and turn is 0.52 and 0.42."""
 JOLT = 0.6
 """Measured: what of the motion's own vibration an order takes as its own, by its projection on the order's wave: on 119 drawn
 arms below 7 Hz (10142 to 10341, 50001 to 50200), 190 right orders kept 0.6 of it (rms; nine in ten less than 1.0)."""
@@ -133,6 +133,7 @@ class Sighting:
         residual: What the waves leave of the vibration in m/s²; shape (rows,).
         free: Fraction of the noise that the fit leaves in it, by power; the waves take the rest for their own.
         vibration: The vibration itself; shape (rows,).
+        images: Images of the set-points in it, which are no order; shape (rows,).
         waves: Wave of each part for an amplitude of 1 and of j; shape (rows, 2).
         jolt: Amplitude of each part's wave that is most like the motion's own vibration, in arcsec.
     """
@@ -142,6 +143,7 @@ class Sighting:
     residual: Real
     free: float
     vibration: Real
+    images: Real
     waves: Mapping[Part, Real]
     jolt: Mapping[Part, float] = field(default_factory=dict)
 
@@ -181,14 +183,23 @@ def alike(looks: Sequence[Look], used: Collection[Part]) -> list[Look]:
 class _Spectra:
     """Transforms of one recording and of its waves."""
 
-    def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        axes: Sequence[AxisWaves],
+        rows: Rows,
+        band_hz: tuple[float, float],
+        images_m_s2: Real | None = None,
+    ) -> None:
         period, self._count = recording.period_s, len(recording.time_s)
         self._rows = rows[: self._count]
         self._length = int(scipy.fft.next_fast_len(self._count + round(PADDING_S / period), real=True))
         self.frequency = scipy.fft.rfftfreq(self._length, period)
         self._weight = _weight(self.frequency, period, band_hz)
         self.independent = float(np.mean(self._weight**2))
-        self.signal = self._samples(self._weight * scipy.fft.rfft(levelled(recording.felt_m_s2), self._length))
+        felt = np.stack([levelled(recording.felt_m_s2), np.zeros(self._count) if images_m_s2 is None else images_m_s2])
+        self.vibration, self.images = self._samples(self._weight * scipy.fft.rfft(felt, self._length))
+        self.signal = self.vibration - self.images
         self._waves: dict[int, Complex] = {}
         for axis in axes:
             angle = recording.axis(axis.number, "position_rad")
@@ -238,13 +249,17 @@ def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -
     return np.asarray(np.abs(scipy.signal.sosfreqz(band, frequency_hz, fs=1.0 / period_s)[1]) ** 2)
 
 
+def in_band(frequency_hz: Real, band_hz: tuple[float, float]) -> Real:
+    """Gain of the band-pass for a sine, sampled or not, 0 to 1; shape of `frequency_hz`."""
+    band = scipy.signal.butter(2, 2.0 * math.pi * np.asarray(band_hz), "bandpass", analog=True)
+    return np.asarray(np.abs(scipy.signal.freqs(*band, 2.0 * math.pi * frequency_hz)[1]) ** 2)
+
+
 def unshown(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
     """Part of a sine in a band that its samples do not show, 0 to 1; shape of `frequency_hz`."""
-    band = scipy.signal.butter(2, 2.0 * math.pi * np.asarray(band_hz), "bandpass", analog=True)
-    whole = np.abs(scipy.signal.freqs(*band, 2.0 * math.pi * frequency_hz)[1]) ** 2
     inside = np.minimum(frequency_hz, 0.5 / period_s)
     shown = _weight(inside, period_s, band_hz) * shown_fraction(frequency_hz * period_s)
-    return np.asarray(np.clip(whole - shown, 0.0, 1.0))
+    return np.asarray(np.clip(in_band(frequency_hz, band_hz) - shown, 0.0, 1.0))
 
 
 def acceleration_of(
@@ -266,9 +281,14 @@ def _solver(columns: Real) -> tuple[Real, Real]:
     return inverse @ scaled.T / scale[:, np.newaxis], math.sqrt(ROUNDING) * inverse / scale[:, np.newaxis]
 
 
-def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> Sighting:
-    """Read the complex amplitudes of all orders of all axes from one recording."""
-    spectra = _Spectra(recording, axes, rows, band_hz)
+def sight(
+    recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float], images_m_s2: Real | None = None
+) -> Sighting:
+    """Read the complex amplitudes of all orders of all axes from one recording.
+
+    `images_m_s2` is what images of the set-points do in it (`images`), shape (n,); None: nothing.
+    """
+    spectra = _Spectra(recording, axes, rows, band_hz, images_m_s2)
     columns = [spectra.columns(axis, axis.response) for axis in axes]
     whole = np.concatenate(columns, axis=1)
     known, values = _motion_known(whole, axes, spectra)
@@ -291,7 +311,7 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
         own_vibration += planned @ unknowns[at : at + planned.shape[1]]
         at += planned.shape[1]
     jolt = {part: float(np.linalg.norm(np.linalg.pinv(wave) @ own_vibration)) for part, wave in waves.items()}
-    return Sighting(amplitude, unit, residual, free, spectra.signal, waves, jolt)
+    return Sighting(amplitude, unit, residual, free, spectra.vibration, spectra.images, waves, jolt)
 
 
 def _motion_known(columns: Real, axes: Sequence[AxisWaves], spectra: _Spectra) -> tuple[Real, Real]:
@@ -307,14 +327,21 @@ def _motion_known(columns: Real, axes: Sequence[AxisWaves], spectra: _Spectra) -
 
 
 def refined(
-    recordings: Sequence[Recording], axes: Sequence[AxisWaves], rows: Sequence[Rows], band_hz: tuple[float, float]
+    recordings: Sequence[Recording],
+    axes: Sequence[AxisWaves],
+    rows: Sequence[Rows],
+    band_hz: tuple[float, float],
+    images_m_s2: Sequence[Real | None],
 ) -> tuple[AxisWaves, ...]:
     """Refine the responses of the axes on some recordings, one after the other.
 
     Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is known of a
     model (`LIKELY`) counts as much as the noise allows.
     """
-    spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
+    spectra = [
+        _Spectra(recording, axes, each, band_hz, images)
+        for recording, each, images in zip(recordings, rows, images_m_s2, strict=True)
+    ]
     found = list(axes)
     for index, axis in enumerate(axes):
         others = [[one.columns(each, each.response) for each in found if each is not axis] for one in spectra]

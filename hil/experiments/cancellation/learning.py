@@ -15,15 +15,26 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
-from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, identified_axis, significant, update_file
+from hil.bench.model import (
+    Identified,
+    IdentifiedError,
+    IdentifiedPlant,
+    identified_axis,
+    significant,
+    update_file,
+    with_identified,
+)
+from hil.control.cancellation_table import CancellationTable
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.motion import motion_factor
 from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import Actuation
+from hil.design.inverse import Actuation, made_error
 from hil.design.ringing import RINGING
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor
@@ -56,6 +67,8 @@ PASSES = 5
 """Most passes unless another number is asked for: without, with a part, and three with the whole cancellation."""
 FIRST_GAINS = (0.0, 0.5)
 """Bound: parts of the cancellation in the first passes: half of it, turned by 180°, would add half of the vibration."""
+MADE_BY = ("motor_inertia_kg_m2", "motor_damping_nm_s_rad", "torque_lag_s")
+"""Values of a plant by which the motor makes a correction."""
 FIRST_WHOLE = len(FIRST_GAINS) + 1
 """Number of the first pass with the whole cancellation."""
 
@@ -76,15 +89,21 @@ class PassJudge:
     def begin(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> None:
         """Read the first pass, with which the others are compared."""
         self._response = self._first(recording, motion, estimate, scale)
-        self._without = self.read(recording, motion, {*estimate.error.amplitude_arcsec, *self._known_orders}, 0.0, scale)
+        self._without = self.read(recording, motion, {*estimate.error.amplitude_arcsec, *self._known_orders}, 0.0, scale, {})
 
     def read(
-        self, recording: Recording, motion: Ramps, orders: Collection[float], gain: float, scale: TipScale
+        self,
+        recording: Recording,
+        motion: Ramps,
+        orders: Collection[float],
+        gain: float,
+        scale: TipScale,
+        tables: Mapping[int, CancellationTable],
     ) -> dict[float, list[Seen]]:
-        """Read what is left of each order in each direction."""
+        """Read what is left of each order in each direction; `tables` are those of the whole cancellation."""
         assert self._response is not None  # noqa: S101 - made by the first pass
-        fitted = {*orders, *self._without}
-        return seen_by_direction(self._bench, recording, motion, self._response, fitted, orders, gain, scale)
+        fitted, acted = {*orders, *self._without}, {number: table.scaled(gain) for number, table in tables.items()}
+        return seen_by_direction(self._bench, recording, motion, self._response, fitted, orders, gain, scale, acted)
 
     def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
         """Verdict on each order of a pass, against the first one."""
@@ -98,7 +117,7 @@ class PassJudge:
         start = replace(self._known or bare, delay_s=arm.delay_s)
         orders = {self._axis: tuple(estimate.error.amplitude_arcsec)}
         waves = waves_of(self._bench, {self._axis: start}, orders, motion.motion, recording)
-        return refined([recording], waves, [motion.direction() != 0], scale.band_hz)[0].response
+        return refined([recording], waves, [motion.direction() != 0], scale.band_hz, [None])[0].response
 
 
 @dataclass(frozen=True)
@@ -276,7 +295,10 @@ def learn(
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
     knowledge = axis_knowledge(bench, axis, identified, sensorless=False)
     watch = OrderWatch(table.reduction_ratio, Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *knowledge.delay_s), ramp)
-    reaction, correction = ReactionWatch.of(axis, knowledge.side, known.ate), Correction(known.ate, bench.bus.sync_period_s)
+    reaction, correction = (
+        ReactionWatch.of(axis, knowledge.side, known.ate),
+        Correction(known.ate, bench.bus.sync_period_s, _made_error(bench, identified, axis)),
+    )
     correction.torque_shows = reaction.known
     learning = AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
     passes_judge = PassJudge(bench, identified, axis, correction.known)
@@ -291,8 +313,8 @@ def learn(
         recording, sweep = run_pass(session, motion, number, keep, adder)
         watch.sweeps.append(sweep)
         seen = (
-            passes_judge.read(recording, motion, tuple(correction.acted), gain, scale)
-            if scale is not None and learning.passes
+            passes_judge.read(recording, motion, tuple(correction.acted), gain, scale, cancellation.tables)
+            if scale is not None and cancellation is not None
             else {}
         )
         verdicts = passes_judge.verdicts(seen, gain)
@@ -392,6 +414,18 @@ def _cancellation(
 def _known_with(bench: Bench, identified: Identified | None, axis: int, part: IdentifiedError) -> Identified:
     """The model file with what has been learnt."""
     return (Identified(robot=bench.name) if identified is None else identified).with_part(axis, part)
+
+
+def _made_error(bench: Bench, identified: Identified | None, axis: int) -> float:
+    """Standard error of the part of a correction that the motor makes, at the arm's frequency; 0 without an identified plant."""
+    plant, loop = (
+        identified_axis(identified, axis).plant,
+        with_identified(bench, identified).axis[axis].loop(CONTROL_PERIOD_S, with_notch=False),
+    )
+    if plant is None or loop is None:
+        return 0.0
+    errors = np.array([plant.standard_error.get(name, 0.0) for name in MADE_BY])
+    return made_error(loop, plant.antiresonance_hz, plant.torque_lag_s, plant.correlations(MADE_BY) * np.outer(errors, errors))
 
 
 def _per_reaction(

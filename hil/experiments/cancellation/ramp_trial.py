@@ -6,19 +6,20 @@ judged beside the ramps.
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
-from hil.control.cancellation_table import LIMIT_USED
+from hil.control.cancellation_table import LIMIT_USED, CancellationTable
 from hil.design.ringing import BEYOND_RESONANCE, RINGING
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.ramp import RampLimits, plan_ramp
 from hil.experiments.cancellation.effect import Part, Response, sight
+from hil.experiments.cancellation.images import images_m_s2
 from hil.experiments.cancellation.verdict import Seen
 from hil.experiments.cancellation.waves import waves_of
 from hil.master.motion import Motion
@@ -59,16 +60,17 @@ def seen_by_direction(
     orders: Collection[float],
     gain: float,
     scale: TipScale,
+    tables: Mapping[int, CancellationTable],
 ) -> dict[float, list[Seen]]:
     """Read some of a pass' fitted orders in each direction of turning.
 
-    `gain` is the fraction of the cancellation that acted.
+    `gain` is the fraction of the cancellation that acted, `tables` are those of it: their images are taken off.
     """
     axis, directions = motion.ramp.limits.axis, motion.direction()[: len(recording.time_s)]
     waves = waves_of(bench, {axis: response}, {axis: fitted}, motion.motion, recording)
-    found: dict[float, list[Seen]] = {order: [] for order in orders}
+    images, found = images_m_s2(recording, waves, tables), {order: list[Seen]() for order in orders}
     for way in (1, -1):
-        sighting = sight(recording, waves, directions == way, scale.band_hz)
+        sighting = sight(recording, waves, directions == way, scale.band_hz, images)
         for order, sights in found.items():
             sights.append(Seen.of(sighting, Part(axis, order), gain, way))
     return found

@@ -3,9 +3,8 @@
 The causes are those that the trial's own recordings show.
 
 A cause is named only if its own vibration, predicted independently of the remainder, is found in it: without that vibration
-the remainder must meet the goal, or at least half of its excess must vanish. Images are the exception: at the SYNCs they look
-like orders, so orders that were learnt there hide them. If nothing else is found, images that alone exceed the goal are the
-cause. If no cause qualifies, the result says so. The causes:
+the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, the result says so. The
+causes:
 
 - `speed limit`: the part for which neither set-points nor torque had room, by the tables of the cancellation.
 - `frequency limit`: the part that the tables leave out towards the highest frequency of the cancellation, and the images of slow
@@ -26,11 +25,12 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
 from hil.control.angles import ARCSEC
-from hil.control.arrays import Complex, Real, Rows
+from hil.control.arrays import Real, Rows
 from hil.control.cancellation_table import CancellationTable
 from hil.design.estimation import FAR_SIGMAS
 from hil.design.frequency import Loop
 from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike, unshown
+from hil.experiments.cancellation.images import acting, image_sizes_m_s2
 from hil.experiments.peaks import Windows
 from hil.experiments.window import NOISE_PEAK
 from hil.recording import Recording
@@ -102,7 +102,7 @@ class _Account:
         self._seen, self._tables, self._after, self._before = seen, tables, after, before
         self._count = min(len(look.sighting.vibration) for look in (*after, *before))
         windows = seen.windows
-        self._left = self._mean([look.sighting.vibration for look in after])
+        self._left = self._mean([look.sighting.vibration - look.sighting.images for look in after])
         self._noise_mm = windows.noise_mm / math.sqrt(len(after))
         self._jolt_mm = max(map(min, self._jolts_mm(before), self._jolts_mm(after)))
         self._quiet_mm, self._asked_mm = quiet_mm, max(quiet_mm, JOLT_FACTOR * self._jolt_mm)
@@ -181,8 +181,6 @@ class _Account:
             return best
         if self._explains(self._shown_mm(self._waves(self._seen.used, self._after)) + unseen_mm):
             return "estimate"
-        if self._images_exceed(self._order):
-            return "frequency limit"
         if self._left_mm - self._asked_mm < self._noise_mm:
             return "sensor noise"
         return "not explained"
@@ -200,20 +198,14 @@ class _Account:
                 largest[name] = peaks[order]
                 if peaks[order] > self._left_mm:
                     self._order, self._left_mm = order, peaks[order]
-        if not largest and any(map(self._images_exceed, self._peaks)):
-            return "frequency limit"
         return max(largest, key=lambda name: largest[name], default="sensor noise")
-
-    def _images_exceed(self, order: float | None) -> bool:
-        """True if images alone make more than is asked: orders that were estimated at the SYNCs hide them there, not between."""
-        return self._seen.windows.peaks_mm(self._images())[order] > self._asked_mm
 
     def _reckoned(self) -> dict[RemainderCause, Real]:
         """Vibration of each cause that can be reckoned, whatever is left."""
         fitted, by_frequency = self._after[0].sighting.amplitude, self._given_up("frequency limit")
         return {
             "order left out": self._waves([part for part in fitted if part not in self._seen.used], self._after),
-            "frequency limit": self._found_images() + self._found(by_frequency, math.pi),
+            "frequency limit": self._found(by_frequency, math.pi),
             "speed limit": self._found(self._given_up("speed limit"), math.pi),
             "gear reaction": self._found_reaction(),
         }
@@ -265,39 +257,6 @@ class _Account:
             total += shares[limit] * self._waves([part], self._before)
         return total
 
-    def _found_images(self) -> Real:
-        """Images as they are found: whole, or as far as learnt orders, which look alike at the SYNCs, do not hide them."""
-        images, waves = self._images(), self._after[0].sighting.waves
-        orders = np.hstack([waves[part][: self._count] for part in self._seen.used])
-        open_part = images - orders @ np.linalg.lstsq(orders, images, rcond=None)[0]
-        found = [self._found(each, math.pi) for each in (images, open_part)]
-        return max(found, key=lambda each: float(np.sum(each**2)))
-
-    def _images(self) -> Real:
-        """Vibration that images of the sampled set-points cause; at the SYNCs it looks like the orders."""
-        total = np.zeros(self._count)
-        for _, made in self._each_image():
-            total -= made.real
-        return np.asarray(total)
-
-    def _each_image(self) -> Iterator[tuple[Real, Complex]]:
-        """Frequency, and acceleration at the SYNCs, of the image next to each wave's frequency; shapes (rows,)."""
-        recording = self._seen.recording
-        for axis in self._seen.axes:
-            table = self._tables.get(axis.number)
-            if table is None or table.image is None or not isinstance(axis.response.known, Loop):
-                continue
-            angle = recording.axis(axis.number, "position_rad")[self._seen.rows][: self._count]
-            speed, to_arm = self._speed_rps(axis.number), 1.0 / axis.response.known.plant.reduction_ratio
-            used = {part.order for part in self._seen.used if part.axis == axis.number}
-            for wave, image in zip(table.waves, table.image, strict=True):
-                if not wave.sources <= used:
-                    continue
-                hz = np.abs(1.0 / recording.period_s - wave.order * speed)
-                made = np.interp(speed, table.speeds_rps, image.real) + 1j * np.interp(speed, table.speeds_rps, image.imag)
-                made = to_arm * made * np.conj(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2
-                yield hz, self._lever_m(axis) * made * np.exp(1j * (wave.order * angle + wave.phase_rad))
-
     def _unseen_m_s2(self) -> Real:
         """Amplitude of these fractions and images that the band contains and samples do not show; shape (rows,)."""
         total, axes = np.zeros(self._count), {axis.number: axis for axis in self._seen.axes}
@@ -308,8 +267,10 @@ class _Account:
                 angle_rad = abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz))
                 share = sum(shares.values()) * unshown(hz, *window)
                 total += share * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
-        for hz, made in self._each_image():
-            total += unshown(hz, *window) * np.abs(made)
+        acted = acting(self._tables, dict.fromkeys(self._seen.used, 1.0))
+        for number in axes.keys() & acted.keys():  # images are taken off the samples: all that the band contains of them is here
+            sizes = image_sizes_m_s2(axes[number], acted[number], self._speed_rps(number), *window)
+            total += np.abs(self._lever_m(axes[number])) * sizes
         return total
 
     def _found_reaction(self) -> Real:
@@ -377,7 +338,7 @@ def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.c
 def _without_orders(look: Look) -> Real:
     """Vibration that the motion itself causes: without noise and orders."""
     seen = look.sighting
-    rest = seen.vibration - seen.residual
+    rest = seen.vibration - seen.images - seen.residual
     for part, size in seen.amplitude.items():
         rest = rest - seen.wave(part, size)
     return np.asarray(rest)

@@ -22,6 +22,7 @@ from hil.control.cancellation_table import CancellationTable
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
 from hil.experiments.cancellation.effect import AxisWaves, Look, Part, Response, alike, refined, sight
+from hil.experiments.cancellation.images import acting, images_m_s2
 from hil.experiments.cancellation.inside import cancel_inside, inside_models
 from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
 from hil.experiments.cancellation.ramp_trial import ramp_through, seen_by_direction
@@ -150,7 +151,10 @@ class _Protocol:
                             f"{words}: hidden; a ramp to {ramp.ramp.end_rps:.2f} rev/s shows it, {what}{once_more}"
                         )
                         recording = self._run(ramp.motion, gain, axis.number, _wrong(verdicts))
-                        read = seen_by_direction(self._bench, recording, ramp, axis.response, axis.orders, orders, gain, scale)
+                        acted = acting(self._tables, dict.fromkeys(set(self._parts) - _wrong(verdicts), gain))
+                        read = seen_by_direction(
+                            self._bench, recording, ramp, axis.response, axis.orders, orders, gain, scale, acted
+                        )
                         for order, sights in read.items():
                             seen[order] += sights
                     judged = {part: replace(judge(part, 1.0, seen[part.order]), where=ON_RAMPS) for part in hidden}
@@ -202,12 +206,17 @@ class _Protocol:
         """Refine the responses on the first runs, and read those anew."""
         recordings = [trial.recording for trial in self._trials[:count]]
         rows = [self._rows[: len(recording.time_s)] for recording in recordings]
-        self._axes = refined(recordings, self._axes, rows, self._scale.band_hz)
+        images = [self._images(trial) for trial in self._trials[:count]]
+        self._axes = refined(recordings, self._axes, rows, self._scale.band_hz, images)
         self._looks = [self._look(trial) for trial in self._trials]
 
     def _look(self, trial: Trial) -> Look:
         rows = self._rows[: len(trial.recording.time_s)]
-        return Look(trial.gains, sight(trial.recording, self._axes, rows, self._scale.band_hz))
+        return Look(trial.gains, sight(trial.recording, self._axes, rows, self._scale.band_hz, self._images(trial)))
+
+    def _images(self, trial: Trial) -> Real:
+        """What images of the set-points do in a run."""
+        return images_m_s2(trial.recording, self._axes, acting(self._tables, trial.gains))
 
     def _verdicts(self) -> dict[Part, PartVerdict]:
         return {part: judge(part, PROBE_GAIN, self._seen(part, 1)) for part in self._parts}

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,15 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.servo import Servo, ServoConfig
 from hil.design.frequency import Loop, TwoInertia
-from hil.design.inverse import Actuation, CyclicTiming, InnerTiming, Way, cancellation_table, reference_per_motor_angle
+from hil.design.inverse import (
+    Actuation,
+    CyclicTiming,
+    InnerTiming,
+    Way,
+    cancellation_table,
+    made_error,
+    reference_per_motor_angle,
+)
 
 CONTROL_S = 250e-6
 Asked = Callable[[float], tuple[float, float]]
@@ -163,7 +172,7 @@ def test_at_slow_syncs_the_motor_is_sampled_with_the_images_of_what_moves_it(
     seen = complex(cosine, -sine if speed_rps > 0.0 else sine) / (-0.1 * PLANT.reduction_ratio * AMPLITUDE[4])
     column = round(10.0 / table.step_rps)
     assert table.image is not None
-    expected = 1.0 + complex(table.image[0, column]) / float(table.motion[0, column])
+    expected = 1.0 + complex(table.image[:, 0, column].sum()) / float(table.motion[0, column])
     assert abs(expected - 1.0) > least
     assert seen == pytest.approx(expected, abs=0.01)
 
@@ -221,6 +230,22 @@ def test_at_12_hz_a_set_point_is_three_times_the_motion_and_70_to_76_degrees_ahe
         found = complex(reference_per_motor_angle(LOOP, np.array([12.0]), way)[0])
         assert abs(found) == pytest.approx(3.1, abs=0.15)
         assert math.degrees(math.atan2(found.imag, found.real)) == pytest.approx(73.0, abs=4.0)
+
+
+def test_the_error_of_what_the_motor_makes_is_the_spread_of_the_plants_that_it_may_be() -> None:
+    generator = np.random.default_rng(1)
+    errors = np.array([0.02 * PLANT.motor_inertia_kg_m2, 0.2 * PLANT.motor_damping_nm_s_rad, 1e-4])
+    correlation = np.array([[1.0, 0.3, 0.9], [0.3, 1.0, 0.1], [0.9, 0.1, 1.0]])
+    covariance, at = correlation * np.outer(errors, errors), np.array([25.0])
+    asked, made = reference_per_motor_angle(LOOP, at, torque_lag_s=LAG_S), []
+    for inertia, damping, lag in generator.multivariate_normal(np.zeros(3), covariance, 2000):
+        plant = replace(
+            PLANT,
+            motor_inertia_kg_m2=PLANT.motor_inertia_kg_m2 + inertia,
+            motor_damping_nm_s_rad=PLANT.motor_damping_nm_s_rad + damping,
+        )
+        made.append(abs(asked / reference_per_motor_angle(replace(LOOP, plant=plant), at, torque_lag_s=LAG_S + lag))[0])
+    assert made_error(LOOP, 25.0, LAG_S, covariance) == pytest.approx(float(np.std(made)), rel=0.1)
 
 
 def test_at_rest_the_correction_is_the_error_itself_and_high_up_it_is_nothing() -> None:

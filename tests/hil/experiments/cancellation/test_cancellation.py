@@ -238,13 +238,12 @@ def lagging(bench: Bench, lag_s: float, error_s: float) -> Identified:
     return identified(bench, 2, 5.0).with_part(2, plant)
 
 
-def test_a_lag_of_the_current_loop_is_allowed_for_where_it_is_more_than_its_error(bench: Bench) -> None:
-    found = [
-        cancellation_for(bench, lagging(bench, *lag), (2,), 0.001).tables[2] for lag in ((0.0, 0.0), (4e-4, 5e-5), (4e-5, 5e-5))
-    ]
-    at_resonance = [table.reference[0, 120] for table in found]
-    assert abs(at_resonance[1] / at_resonance[0] - 1.0) > 0.002
-    assert at_resonance[2] == at_resonance[0]
+def test_a_lag_of_the_current_loop_is_allowed_for_however_uncertain_it_is(bench: Bench) -> None:
+    """J_m and D_m of the model file are those that go with it: with another lag the correction would be off."""
+    found = [cancellation_for(bench, lagging(bench, lag_s, 3e-4), (2,), 0.001).tables[2] for lag_s in (0.0, 4e-4, 4e-5)]
+    none, long, short = (table.reference[0, 120] for table in found)
+    assert abs(long / none - 1.0) > 0.002
+    assert short / none - 1.0 == pytest.approx(0.1 * (long / none - 1.0), rel=0.05)
 
 
 def test_a_trial_in_which_nothing_passes_is_refused_with_its_numbers() -> None:

@@ -103,6 +103,21 @@ def test_an_error_that_all_amplitudes_share_is_told_by_the_orders_that_passes_sh
         assert least < abs(each.values()[1].phasor / phasor(TRUE[1]) - 1.0) < most
 
 
+def test_a_plant_that_is_hardly_known_shows_in_the_errors_of_what_is_learnt() -> None:
+    """What silences the tip differs from A_k by as much as the motor may make too much: all A_k alike."""
+    found = {}
+    for made_error in (0.0, 0.02):
+        correction = replace(known(error=2.0), made_error=made_error)
+        correction.begin(fitted(error=20.0, error_deg=90.0), ALL)
+        act(correction)
+        correction.take(left(correction, {order: 1.015 * phasor(value) for order, value in TRUE.items()}), ARM_HZ)
+        found[made_error] = correction.values()[2]
+    assert found[0.0].amplitude_arcsec == pytest.approx(1.015 * TRUE[2][0], rel=2e-3)
+    assert found[0.02].amplitude_arcsec == pytest.approx(found[0.0].amplitude_arcsec, rel=2e-3)
+    assert abs(found[0.0].amplitude_arcsec - TRUE[2][0]) > 4.0 * found[0.0].amplitude_error
+    assert abs(found[0.02].amplitude_arcsec - TRUE[2][0]) < found[0.02].amplitude_error
+
+
 PER_REACTION = {
     (1.0, 1): -0.012 - 0.008j, (2.0, 1): -0.024 - 0.016j, (4.0, 1): -0.044 - 0.030j,
     (1.0, -1): 0.004 - 0.003j, (2.0, -1): 0.005 - 0.003j, (4.0, -1): 0.010 - 0.007j,

@@ -63,7 +63,7 @@ def test_amplitude_and_phase_of_each_order_come_out() -> None:
 def test_a_model_that_is_off_is_refined() -> None:
     recording = shaken(ramp(), 0.02)
     off = axis(1.08 * ARM_HZ, 2.0 * DAMPING)
-    (found,) = refined([recording], [off], [rows(recording)], (6.0, 25.0))
+    (found,) = refined([recording], [off], [rows(recording)], (6.0, 25.0), [None])
     assert found.response.stretch * 1.08 == pytest.approx(1.0, abs=0.005)
     before, after = (sight(recording, [each], rows(recording), (6.0, 25.0)) for each in (off, found))
     assert np.std(after.residual) < 0.5 * np.std(before.residual)
