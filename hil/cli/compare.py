@@ -15,7 +15,6 @@ from drive_profiles.cli.console import fail, terminal_width
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, MotionOptions, shown_live
-from hil.control.treatments import present_name
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -48,7 +47,7 @@ AxisListOption = Annotated[
 ]
 
 
-@command(cls=LiveCommand, epilog=COMPARE_EPILOG, context_settings=options.FORMER_SPELLINGS)
+@command(cls=LiveCommand, epilog=COMPARE_EPILOG)
 def compare(
     bench_file: Annotated[
         list[str],
@@ -122,7 +121,7 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
     wanted = tuple(name for name in EXPERIMENTS if name in experiments) or DEFAULT_EXPERIMENTS
     if axes and wanted == (EXPERIMENTS[1],):
         raise fail("--axis is for constant-acceleration and point-to-point; neither is among the experiments", ExitStatus.USAGE)
-    names = [present_name(name.strip()) for text in treatments for name in text.split(",") if name.strip()]
+    names = [name.strip() for text in treatments for name in text.split(",") if name.strip()]
     for name in names:
         if name not in TREATMENTS:
             raise fail(f"--treatment {name}: expected one of {', '.join(TREATMENTS)}", ExitStatus.USAGE)

@@ -7,10 +7,7 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE, AddressError, parse_bit_rate
 from drive_profiles.cli.completion import AxisCompleter, complete_list, complete_reference
-from hil.control.treatments import TABLE, LoopName, PlainTreatmentName, Treatment, TreatmentName, present_token
-
-FORMER_SPELLINGS = {"token_normalize_func": present_token}
-"""Context settings of a command that takes `--treatment`: former names are understood, and no help shows them."""
+from hil.control.treatments import TABLE, LoopName, PlainTreatmentName, Treatment, TreatmentName
 
 
 def names_of(*needs: str) -> str:

@@ -9,7 +9,7 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, finite, print_json, table
 from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
-from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
+from hil.cli.options import AXES, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
 from hil.control.treatments import treatment as row_of
 from hil.errors import NotPossibleError
 
@@ -26,7 +26,7 @@ PLAN_EPILOG = epilog_without_motion({
 })  # fmt: skip
 
 
-@command(epilog=PLAN_EPILOG, context_settings=FORMER_SPELLINGS)
+@command(epilog=PLAN_EPILOG)
 def plan(
     bench_file: BenchOption,
     bus: BusOption = None,

@@ -27,7 +27,7 @@ RUN_EPILOG = console.epilog_of_runs({
 })  # fmt: skip
 
 
-@command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=options.FORMER_SPELLINGS)
+@command(cls=LiveCommand, epilog=RUN_EPILOG)
 def run(
     experiment: Annotated[
         Literal["constant-acceleration", "line-motion", "point-to-point"],

@@ -49,7 +49,6 @@ class Treatment:
         gain_factor: Factor of all three gains.
         needs: Knowledge beside the gains and filters of a bench or robot file. `model`: of the plant and its error, from a
             model file or the bench file; `design`: a design file; `learnt`: a model file of `hil learn`.
-        aliases: Former names, still understood on the command line.
         follows: True if amplitudes and phases follow what is left of the vibration during the motion.
     """
 
@@ -61,7 +60,6 @@ class Treatment:
     gain_factor: float = 1.0
     loops: tuple[LoopName, ...] = ("drive", "host")
     needs: Literal["", "model", "design", "learnt"] = ""
-    aliases: tuple[str, ...] = ()
     follows: bool = False
 
     @property
@@ -90,8 +88,8 @@ TABLE: tuple[Treatment, ...] = (
     Treatment("low-gains", "gains halved", gain_factor=0.5),  # about what an engineer takes back until the arm is quiet
     Treatment("fixed-notch", "fixed notch", filters="fixed", loops=("host",), needs="model"),
     Treatment("notch", "notch", filters="variable"),
-    Treatment("notch-designed", "designed notch", filters="variable", needs="design", aliases=("notch-optimised",)),
-    Treatment("cancellation", "cancellation", cancels="set-points", loops=("drive",), needs="model", aliases=("ate",)),
+    Treatment("notch-designed", "designed notch", filters="variable", needs="design"),
+    Treatment("cancellation", "cancellation", cancels="set-points", loops=("drive",), needs="model"),
     Treatment(
         "cancellation+notch",
         "cancellation and notch",
@@ -99,7 +97,6 @@ TABLE: tuple[Treatment, ...] = (
         cancels="set-points",
         loops=("drive",),
         needs="model",
-        aliases=("ate+notch",),
     ),
     Treatment(
         "cancellation-inside",
@@ -107,7 +104,6 @@ TABLE: tuple[Treatment, ...] = (
         cancels="inside",
         loops=("drive",),
         needs="model",
-        aliases=("ate-inside",),
     ),
     Treatment(
         "cancellation-learnt",
@@ -115,7 +111,6 @@ TABLE: tuple[Treatment, ...] = (
         cancels="set-points",
         loops=("drive",),
         needs="learnt",
-        aliases=("adaptive",),
     ),
     Treatment(
         "cancellation-following",
@@ -142,13 +137,7 @@ TABLE: tuple[Treatment, ...] = (
     ),
 )
 
-_PRESENT: dict[str, TreatmentName] = {alias: each.name for each in TABLE for alias in (each.name, *each.aliases)}
 _ROWS: dict[str, Treatment] = {each.name: each for each in TABLE}
-
-
-def present_name(name: str) -> str:
-    """Return the present name of a treatment."""
-    return _PRESENT.get(name, name)
 
 
 def treatment(name: str) -> Treatment:
@@ -161,13 +150,3 @@ def treatment(name: str) -> Treatment:
         return _ROWS[name]
     except KeyError:
         raise ValueError(f"no treatment {name!r}; expected one of {', '.join(_ROWS)}") from None
-
-
-def present_token(word: str) -> str:
-    """Return the present spelling of a word of a command line.
-
-    It is an option without its dashes, or the name of a treatment.
-
-    As a command's `token_normalize_func` it lets typer understand former spellings, which no help shows.
-    """
-    return "treatment" if word == "compensation" else present_name(word)

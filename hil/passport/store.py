@@ -25,7 +25,7 @@ _TABLES = """
 CREATE TABLE run (
     hash TEXT PRIMARY KEY, robot TEXT NOT NULL, axis INTEGER NOT NULL, measured_utc TEXT NOT NULL, learnt_by TEXT NOT NULL,
     note TEXT NOT NULL, temperature_c REAL, load_kg REAL, direction TEXT, top_rps REAL, posture_deg TEXT, emulated INTEGER,
-    source TEXT NOT NULL
+    source TEXT NOT NULL, joint_low_deg REAL, joint_high_deg REAL, pole_pairs INTEGER, slots INTEGER, seen_by TEXT
 ) STRICT;
 CREATE TABLE line (
     hash TEXT NOT NULL REFERENCES run(hash), motor_order REAL NOT NULL, a_arcsec REAL NOT NULL, a_error_arcsec REAL NOT NULL,
@@ -35,13 +35,6 @@ CREATE TRIGGER run_stays BEFORE DELETE ON run BEGIN SELECT RAISE(ABORT, 'a passp
 CREATE TRIGGER line_stays BEFORE DELETE ON line BEGIN SELECT RAISE(ABORT, 'a passport keeps every run'); END;
 CREATE TRIGGER run_is_fixed BEFORE UPDATE ON run BEGIN SELECT RAISE(ABORT, 'a passport changes no run'); END;
 CREATE TRIGGER line_is_fixed BEFORE UPDATE ON line BEGIN SELECT RAISE(ABORT, 'a passport changes no run'); END;
-"""
-_TO_VERSION_2 = """
-ALTER TABLE run ADD COLUMN joint_low_deg REAL;
-ALTER TABLE run ADD COLUMN joint_high_deg REAL;
-ALTER TABLE run ADD COLUMN pole_pairs INTEGER;
-ALTER TABLE run ADD COLUMN slots INTEGER;
-ALTER TABLE run ADD COLUMN seen_by TEXT;
 CREATE TABLE side (
     hash TEXT NOT NULL REFERENCES run(hash), motor_order REAL NOT NULL, a_forward_arcsec REAL NOT NULL,
     a_backward_arcsec REAL NOT NULL, a_sigmas REAL NOT NULL, phi_turn_deg REAL NOT NULL, phi_sigmas REAL NOT NULL,
@@ -50,8 +43,6 @@ CREATE TABLE side (
 CREATE TRIGGER side_stays BEFORE DELETE ON side BEGIN SELECT RAISE(ABORT, 'a passport keeps every run'); END;
 CREATE TRIGGER side_is_fixed BEFORE UPDATE ON side BEGIN SELECT RAISE(ABORT, 'a passport changes no run'); END;
 """
-_STEPS = (_TABLES, _TO_VERSION_2)
-"""Steps that make a passport of each version from the one before it."""
 
 
 class PassportFileError(FileProblemError):
@@ -148,26 +139,23 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
     (mark,), (version,) = (connection.execute(f"PRAGMA {name}").fetchone() for name in ("application_id", "user_version"))
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if mark == 0 and tables == 0:
-        version = 0
+        _make(connection)
     elif mark != APPLICATION_ID:
         raise PassportFileError(path, "an SQLite file of another program, not a passport; give another with --file")
-    elif not 1 <= version <= VERSION:
+    elif version != VERSION:
         raise PassportFileError(
-            path, f"a passport of version {version}; this program knows 1 to {VERSION}: use a newer one, or another --file"
+            path, f"a passport of version {version}; this program knows {VERSION}: use the one that wrote it, or another --file"
         )
     elif connection.execute("PRAGMA quick_check").fetchone()[0] != "ok":
         raise PassportFileError(path, "damaged; restore it from your last back-up")
-    if version < VERSION:
-        _bring_up(connection, version)
 
 
-def _bring_up(connection: sqlite3.Connection, version: int) -> None:
-    """Upgrade a passport from an older version or an empty file."""
+def _make(connection: sqlite3.Connection) -> None:
+    """Make the tables, unless another program has just done it."""
     connection.execute("BEGIN IMMEDIATE")
-    if connection.execute("PRAGMA user_version").fetchone()[0] == version:
-        for step in _STEPS[version:]:
-            for statement in filter(None, (text.strip() for text in step.split(";\n"))):
-                connection.execute(statement if statement.endswith("END") else f"{statement};")
+    if connection.execute("PRAGMA user_version").fetchone()[0] == 0:
+        for statement in filter(None, (text.strip() for text in _TABLES.split(";\n"))):
+            connection.execute(statement if statement.endswith("END") else f"{statement};")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         connection.execute(f"PRAGMA user_version = {VERSION}")
     connection.execute("COMMIT")

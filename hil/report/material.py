@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
-from hil.control.treatments import LoopName, treatment
+from hil.control.treatments import LoopName
 from hil.counting import counted
 from hil.design.ate.identification import JointEstimate, identify_one_way
 from hil.design.ate.model import Arm, Sensing, Sweep
@@ -137,14 +137,10 @@ class Material:
 
     @cached_property
     def filter_sets(self) -> tuple[FilterSet, ...]:
-        """Filters that acted in the runs, grouped by treatment.
-
-        Filters in the drives come first. A result in an older format has no filters: those of its bench file are used
-        for runs in which they acted, and designed filters are missing.
-        """
+        """Filters that acted in the runs, grouped by treatment; filters in the drives come first."""
         found: dict[tuple[LoopName, str], dict[int, tuple[NotchTable, ...]]] = {}
         for run in sorted(self.result.runs, key=lambda run: run.loop):
-            notches = self._former_notches(run) if run.filters is None else notches_of(run.filters)
+            notches = notches_of(run.filters)
             if notches:
                 loop: LoopName = "host" if run.loop == "host" else "drive"
                 found.setdefault((loop, run.treatment), {}).update(notches)
@@ -158,20 +154,6 @@ class Material:
                 sets[sets.index(same)] = same._replace(treatments=(*same.treatments, name))
         return tuple(sets)
 
-    def _former_notches(self, run: RunEntry) -> dict[int, tuple[NotchTable, ...]]:
-        """Filters of a run in a result from before they were kept."""
-        row = treatment(run.treatment)
-        if row.filters != "variable":
-            return {}
-        if row.needs == "design":
-            self.notes.append(
-                f"{run_name(run, with_window=False)}: this result does not contain its filters; see the design file, or run "
-                f"again."
-            )
-            return {}
-        axes = self.bench.chain_axes if run.axis is None else (run.axis,)
-        return {axis: self.bench.axis[axis].notch for axis in axes if axis in self.bench.axis and self.bench.axis[axis].notch}
-
     def acting(self, axis: int) -> FilterSet | None:
         """The first filters that acted on an axis; None if none did."""
         return next((each for each in self.filter_sets if axis in each.notches), None)
@@ -179,7 +161,7 @@ class Material:
     @property
     def model_source(self) -> str:
         """File that the model comes from, in words."""
-        return "model file" if any(file.role == "model" for file in self.result.files or ()) else "bench file"
+        return "model file" if any(file.role == "model" for file in self.result.files) else "bench file"
 
     def loop(self, axis: int, filters: FilterSet | None = None) -> Loop:
         """Return the loop of an axis with a model."""

@@ -55,7 +55,7 @@ class AteFit(ResultPart):
     """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`.
 
     Attributes:
-        arm_hz: Resonance of the linear arm that comes nearest to the vibration; None in older results: that of the entry.
+        arm_hz: Resonance of the linear arm that comes nearest to the vibration.
         carried: Fraction of the vibration's power by order; orders overlap, so that the sum is only nearly the explained one.
     """
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -19,7 +18,6 @@ from hil.results.notch_design import NotchDesignResult
 from hil.results.plant import PlantResult
 from hil.results.recorded_ate import RecordedAteResult
 from hil.results.runs import ExperimentsResult
-from hil.robot_tables import TransmissionErrorTable
 
 AnyResult = Annotated[
     ExperimentsResult
@@ -72,7 +70,6 @@ def load_any(path: Path) -> AnyResult:
     kinds = [kind.model_fields["kind"].default for kind in get_args(get_args(AnyResult)[0])]
     if value.get("kind") not in kinds:
         raise ResultFileError(path, f"its kind is {value.get('kind')!r}; expected one of {', '.join(kinds)}")
-    text = _with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text
     try:
         return _ANY.validate_json(text)
     except ValidationError as error:
@@ -105,30 +102,6 @@ def _without(unknown: list[tuple[str, ...]], value: dict[str, Any], path: Path) 
     if isinstance(result, MeasuredResult):
         result.leave_out(".".join(place[2:]) for place in unknown)
     return result
-
-
-def _with_orders(value: dict[str, Any]) -> str:
-    """Convert a result with separate fields for its two orders.
-
-    Results in an older format have these fields instead of a set of orders. Older passes of a learning also state how the motor
-    followed, and older fits a factor that is contained in their standard errors.
-    """
-    passes, history = [], []
-    with suppress(TypeError, KeyError, AttributeError):
-        for axis in value["learnt"]:
-            for each in axis["passes"]:
-                each.pop("following", None)
-    with suppress(TypeError, KeyError, AttributeError):
-        value["fit"].pop("widened", None)
-    with suppress(TypeError, KeyError):  # of a file that is not a result the validation speaks
-        passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]
-    with suppress(TypeError, KeyError):
-        history = [each for each in value["history"] if "standard_error" not in each]
-    for each in (each for each in passes if isinstance(each, dict)):
-        each["values"] = {name: each.pop(name) for name in TransmissionErrorTable.model_fields if name in each}
-    for each in (each for each in history if isinstance(each, dict)):
-        each["standard_error"] = {name.replace("_error", ""): each.pop(name) for name in list(each)}
-    return json.dumps(value)
 
 
 def load_result(directory: Path, kind: type[R], what: str) -> R:

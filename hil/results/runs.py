@@ -210,7 +210,7 @@ class RunEntry(MadeRun):
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
         unreached_orders: Sentences on orders that cannot meet f_al within the limits.
         following: Effect of a cancellation that follows on each order, and its trial; None without one.
-        filters: Filters that acted; empty if none did. None in files from before they were kept.
+        filters: Filters that acted; empty if none did.
     """
 
     experiment: str
@@ -251,8 +251,8 @@ class RunEntry(MadeRun):
     following: FollowingEntry | None = None
     shaper: ShaperEntry | None = None
     ringing: tuple[RingingMode, ...] | None = None
-    filters: tuple[ActedFilter, ...] | None = None
-    cancelled: tuple[CancelledOrder, ...] | None = None
+    filters: tuple[ActedFilter, ...] = ()
+    cancelled: tuple[CancelledOrder, ...] = ()
 
 
 def leading(runs: Iterable[RunEntry]) -> list[RunEntry]:
@@ -309,7 +309,7 @@ class ExperimentsResult(MeasuredResult):
         runs: Entry for each window of each run.
         paper: Claims that the runs concern; empty if they ended early.
         arm: Masses of the arm as the model file had them; None without.
-        files: Files that the runs took something from; None in results from before they were kept.
+        files: Files that the runs took something from.
     """
 
     kind: Literal["run"] = "run"
@@ -317,4 +317,4 @@ class ExperimentsResult(MeasuredResult):
     comparisons: list[TreatmentComparison] = Field(default_factory=list)
     paper: list[PaperClaim] = Field(default_factory=list)
     arm: IdentifiedArm | None = None
-    files: tuple[SourceFile, ...] | None = None
+    files: tuple[SourceFile, ...] = ()

@@ -9,7 +9,7 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, print_json
-from hil.control.treatments import PlainTreatmentName, present_token
+from hil.control.treatments import PlainTreatmentName
 from hil.control.treatments import treatment as treatment_named
 from plant_emulator.cli.console import (
     AXES,
@@ -75,8 +75,7 @@ OutOption = Annotated[
 ]
 
 
-# former names of treatments are understood, and no help shows them
-@command(epilog=ROBUSTNESS_EPILOG, context_settings={"token_normalize_func": present_token})
+@command(epilog=ROBUSTNESS_EPILOG)
 def robustness(
     robot: RobotOption = "reference",
     axis: AxesOption = None,

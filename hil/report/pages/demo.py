@@ -375,6 +375,6 @@ def cards(material: Material) -> list[Card]:
 
 def provenance(material: Material) -> list[tuple[str, str]]:
     """Bench, instant and versions of the runs."""
-    files = material.result.files or ()
+    files = material.result.files
     sources = [(f"{file.role.capitalize()} file", f"{file.path} (SHA-256 {file.sha256})") for file in files]
     return [*bench_lines(material.result.bench), *sources]

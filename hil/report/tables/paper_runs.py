@@ -144,12 +144,8 @@ def filters_end(nth: int) -> str:
 
 def _held(material: Material, filters: FilterSet) -> str:
     """Sentence on the source of the parameters."""
-    is_kept = any(run.filters is not None for run in material.result.runs)
-    if filters.loop == "host":
-        return "The parameters of the loop that the host closed."
-    if is_kept:
-        return "The parameters read back from the drive."
-    return "The parameters of the bench file: this result does not contain those of the drive."
+    is_host = filters.loop == "host"
+    return "The parameters of the loop that the host closed." if is_host else "The parameters read back from the drive."
 
 
 def _margin_cells(worst: Margins | None) -> list[Cell]:

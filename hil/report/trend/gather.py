@@ -126,11 +126,8 @@ def _margins(result: ExperimentsResult, run: RunEntry) -> Margins | None:
     table = result.bench.file.axis.get(run.axis) if run.axis is not None else None
     if table is None or not table.has_loop or run.loop != "drive":
         return None
-    row = treatment(run.treatment)
-    if run.filters is None and row.needs == "design":
-        return None  # from before results kept the filters that acted
-    own = table.notch if run.filters is None else notches_of(run.filters).get(run.axis or 0, ())
-    acted = table.model_copy(update={"notch": own if row.filters == "variable" else ()})
+    own = notches_of(run.filters).get(run.axis or 0, ()) if treatment(run.treatment).filters == "variable" else ()
+    acted = table.model_copy(update={"notch": own})
     return _worst(acted.model_dump_json(), run.control_period_s)
 
 

@@ -1,11 +1,11 @@
-"""The table of treatments: names, former names, and what follows from a row."""
+"""The table of treatments: names, and what follows from a row."""
 
 from typing import get_args
 
 import pytest
 
 from hil.control.shapers import NAMES
-from hil.control.treatments import TABLE, PlainTreatmentName, TreatmentName, present_name, present_token, treatment
+from hil.control.treatments import TABLE, PlainTreatmentName, TreatmentName, treatment
 
 
 def names(wanted):
@@ -17,10 +17,8 @@ def test_the_types_of_names_hold_the_names_of_the_table():
     assert set(get_args(PlainTreatmentName)) == names(lambda row: row.is_plain)
 
 
-def test_no_name_and_no_former_name_means_two_treatments():
-    spellings = [spelling for row in TABLE for spelling in (row.name, *row.aliases)]
-    assert len(set(spellings)) == len(spellings)
-    assert len({row.title for row in TABLE}) == len(TABLE)
+def test_no_name_and_no_title_means_two_treatments():
+    assert len({row.name for row in TABLE}) == len({row.title for row in TABLE}) == len(TABLE)
 
 
 def test_a_row_says_what_acts_and_where():
@@ -42,28 +40,6 @@ def test_remedies_are_those_that_are_meant_to_keep_the_specification():
     assert names(lambda row: not row.is_remedy) == {"none", "low-gains", "fixed-notch", *shapers}, "no shaper cancels an error"
     assert names(lambda row: row.is_shaper) == shapers
     assert names(lambda row: row.shaper is not None) == shapers | {f"cancellation+{name}" for name in shapers}
-
-
-@pytest.mark.parametrize(
-    ("former", "present"),
-    [
-        ("ate", "cancellation"),
-        ("ate+notch", "cancellation+notch"),
-        ("ate-inside", "cancellation-inside"),
-        ("adaptive", "cancellation-learnt"),
-        ("notch-optimised", "notch-designed"),
-        ("notch", "notch"),
-        ("magic", "magic"),
-    ],
-)
-def test_a_former_name_means_the_present_one_and_other_words_stay(former, present):
-    assert present_name(former) == present
-    assert present_token(former) == present
-
-
-def test_the_former_option_means_the_present_one():
-    assert present_token("compensation") == "treatment"
-    assert present_token("axis") == "axis"
 
 
 def test_a_name_that_is_none_is_refused_with_those_that_are():

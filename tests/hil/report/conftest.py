@@ -13,6 +13,7 @@ from hil.experiments.plan import comparisons
 from hil.recording import Recording
 from hil.report import later_text, style
 from hil.report.writer import write_report_of
+from hil.results.acted import ActedFilter
 from hil.results.base import MeasuredBench
 from hil.results.runs import ExperimentsResult, PaperClaim, RunEntry
 from hil.robot_tables import Control, NotchShape
@@ -53,6 +54,12 @@ def entries(directory: Path, axis: int | None, treatment: str, loop: str, period
     experiment = "line-motion" if axis is None else "constant-acceleration"
     name = f"runs/{experiment}-{axis or 'all'}-{treatment}-{loop}.csv"
     recording.save(directory / name)
+    moved = BENCH.chain_axes if axis is None else (axis,)
+    acted = tuple(
+        ActedFilter(axis=number, held_by="host" if loop == "host" else "drive", notch=notch)
+        for number in moved
+        for notch in BENCH.axis[number].notch
+    )
     found = []
     for order in (None,) if axis is None else (2, 4):
         scale = axis_scale(BENCH, axis or 2)
@@ -75,6 +82,7 @@ def entries(directory: Path, axis: int | None, treatment: str, loop: str, period
             wall_s=0.9,
             motion_s=float(recording.time_s[-1]),
             recording=name,
+            filters=() if treatment == "none" else acted,
         )
         found.append(entry)
     return found

@@ -100,22 +100,6 @@ def values_of(annotation: Any) -> st.SearchStrategy[Any]:
     raise AssertionError(f"no values of {annotation}")
 
 
-def test_results_of_two_orders_with_fields_of_their_own_are_read(tmp_path):
-    base = {"schema": 2, "bench": measured_bench().model_dump(mode="json", by_alias=True)}
-    values = {"a2_arcsec": 5.0, "phi2_deg": 222.0, "a4_arcsec": 3.0, "phi4_deg": 126.0}
-    once = {"gain": 1.0, "vibration_m_s2": 0.1, "set_point_delay_s": 0.0, "following": 0.98, **values}
-    axis = {"axis": 2, "reduction_fraction": 0.9, "passes": [once], "ate": ERROR.model_dump(mode="json")}
-    (tmp_path / "result.json").write_text(json.dumps({**base, "kind": "learn", "model": "m.toml", "learnt": [axis]}))
-    learnt = load_result(tmp_path, LearningResult, "")
-    assert learnt.learnt[0].passes[0].values.amplitudes_arcsec() == {2: 5.0, 4: 3.0}
-    errors = {"a2_error_arcsec": 0.1, "a4_error_arcsec": 0.2, "phi2_error_deg": 0.3, "phi4_error_deg": 0.4}
-    found = {"axis": 2, "sensorless": False, "known_before": {"source": "nothing", "start": None}, "sensing": {"gain": 0.7}}
-    (tmp_path / "result.json").write_text(json.dumps({**base, "kind": "identify-ate", **found, "history": [errors]}))
-    history = load_result(tmp_path, AteResult, "").history
-    assert history is not None
-    assert history[0].standard_error["phi4_deg"] == 0.4
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data())

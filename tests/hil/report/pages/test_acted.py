@@ -1,6 +1,5 @@
 """The page of a run tells of what acted in it: its filters with their margins, its tip, and the files behind it."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -78,19 +77,6 @@ def test_every_page_begins_with_the_tip_and_its_order_map(full_directory: Path, 
     assert [item.key for item in first.items[:2]] == ["suppression-2", "orders-2"]
     assert ("with and without" in first.items[0].title) is (treatment != "none")
     assert ("without" in first.title) is (treatment != "none")
-
-
-def test_an_older_result_says_that_it_does_not_hold_designed_filters(full_directory: Path, tmp_path: Path) -> None:
-    material = acted(full_directory, tmp_path, "notch-designed", filters=None)
-    assert material.filter_sets == ()
-    assert any("this result does not contain its filters" in note for note in material.notes)
-
-
-def test_an_older_result_of_the_bench_files_notch_is_read_as_before(full_directory: Path) -> None:
-    assert "filters" not in json.loads((full_directory / "result.json").read_text(encoding="utf-8"))["runs"][0]
-    (found,) = Material(full_directory).filter_sets
-    assert (found.treatments, found.loop) == (("notch",), "drive")
-    assert found.notches == {axis: table.notch for axis, table in BENCH.axis.items() if table.notch}
 
 
 def test_the_files_of_a_run_stand_on_its_page_with_their_sums(full_directory: Path, tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ from hil.errors import NotPossibleError
 from hil.report.pages.page import PageVerdict
 from hil.report.trend.gather import gather_runs
 from hil.report.trend.page import verdict, write_trend
+from hil.results.acted import ActedFilter
 from hil.results.learning import LearningResult
 from hil.results.runs import ExperimentsResult
-from tests.hil.results.made import measured_bench, run_entry, written
+from tests.hil.results.made import BENCH, measured_bench, run_entry, written
 
 
 def put(folder, date, *runs, emulated=True, name=None):
@@ -28,7 +29,8 @@ def folder(tmp_path):
     """Three results with runs, a copy, two that cannot be read, and one of another command."""
     put(tmp_path, "2025-03-01T12:00:00+00:00", run_entry(tip_peak_mm=0.06), run_entry(order=4, tip_peak_mm=0.02))
     put(tmp_path / "deep" / "er", "2025-01-01T12:00:00+02:00", run_entry(tip_peak_mm=0.05, f_al_hz=11.9, f_al_error_hz=0.1))
-    put(tmp_path, "2025-02-01T12:00:00Z", run_entry("notch"), emulated=False)
+    acted = tuple(ActedFilter(axis=2, held_by="drive", notch=notch) for notch in BENCH.axis[2].notch)
+    put(tmp_path, "2025-02-01T12:00:00Z", run_entry("notch", filters=acted), emulated=False)
     shutil.copytree(tmp_path / "2025-03-01", tmp_path / "copy")
     put(tmp_path, "1970-01-01T00:00:07Z", name="no-clock")
     (tmp_path / "bad").mkdir()
