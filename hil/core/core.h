@@ -1,6 +1,7 @@
 /* All of the core that Python calls: the law, and what the bus, design, logs and the master have in C. */
 #pragma once
 
+#include "hil/can/frame_bits.h"
 #include "hil/control/cancellation.h"
 #include "hil/control/following.h"
 #include "hil/control/servo.h"

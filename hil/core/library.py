@@ -121,6 +121,10 @@ class Library:
         """Room for whole numbers, all zero."""
         return self._ffi.new("int64_t[]", count)
 
+    def bytes(self, count: int) -> Any:
+        """Room for bytes, all zero."""
+        return self._ffi.new("uint8_t[]", count)
+
     def new(self, name: str) -> Any:
         """A struct of the core's own, all zero."""
         return self._ffi.new(f"struct {name} *")

@@ -1,6 +1,6 @@
 """Bit rates of a bus; durations of bits and frames, rounded up."""
 
-from hil.can.bits import TAIL_BITS, fd_head, fd_sent_bits, fd_stuffed_by, head, sent_bits, stuffed_by
+from hil.can.bits import TAIL_BITS, fd_bits, fd_sent_bits, frame_bits, sent_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, Frame
 
 SECOND = 1_000_000_000
@@ -61,20 +61,16 @@ class Rates:
         Raises:
             ValueError: `hil.can.bits.frame_bits` refuses the frame.
         """
-        can_id, data = frame
-        known = head(can_id, len(data))  # refuses what is not a frame
-        if self.bitrate is None:
-            return known.bits, 0
-        if self.data_bitrate is None or not self.is_fd(can_id):
-            return known.bits + known.inserted + stuffed_by(known, data), 0
-        known = fd_head(can_id & CAN_EFF_MASK, len(data), bool(can_id & CAN_EFF_FLAG))
-        return known.bits + known.inserted - known.fast_bits, known.fast_bits + fd_stuffed_by(known, data)
+        bits = frame_bits(frame, stuffed=self.bitrate is not None)  # refuses what is not a frame
+        if not self.is_fd(frame.can_id):
+            return bits, 0
+        return fd_bits(frame.can_id & CAN_EFF_MASK, frame.data, extended=bool(frame.can_id & CAN_EFF_FLAG))
 
     def sent_bits(self, frame: Frame) -> str:
         """Return a frame's bits from SOF to CRC; "0" is dominant."""
         if not self.is_fd(frame.can_id):
             return sent_bits(frame)
-        return fd_sent_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
+        return fd_sent_bits(frame.can_id & CAN_EFF_MASK, frame.data, extended=bool(frame.can_id & CAN_EFF_FLAG))
 
     def split(self, frame: Frame, count: int) -> tuple[int, int]:
         """Split a frame's first bits between the two rates."""

@@ -11,7 +11,7 @@ PLANT = Core(
         "plant_emulator/physics",
         "plant_emulator/motion",
         "plant_emulator/image",
-        "plant_emulator/bus",
+        "hil/can",
         "hil/control",
         "hil/core",
     ),

@@ -1,7 +1,7 @@
 /* All of the emulator's core that Python calls. */
 #pragma once
 
-#include "plant_emulator/bus/frame_bits.h"
+#include "hil/can/frame_bits.h"
 #include "plant_emulator/image/image.h"
 #include "plant_emulator/motion/period.h"
 #include "plant_emulator/motion/supervision.h"

@@ -6,7 +6,7 @@
  */
 #pragma once
 
-#include "plant_emulator/bus/frame_bits.h"
+#include "hil/can/frame_bits.h"
 #include "plant_emulator/motion/period.h"
 
 /* Bytes of a frame's record, of its identifier and length before them, and where its data begin: those of SocketCAN. */

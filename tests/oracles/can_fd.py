@@ -15,18 +15,25 @@ def sent_by_fd(can_id, data, is_extended=False):
         run = run + 1 if sent and sent[-1][0] == bit else 1
         sent.append((bit, position >= len(slow)))
     sbc = {0: "0000", 1: "0011", 2: "0110", 3: "0101", 4: "1100", 5: "1111", 6: "1010", 7: "1001"}[count % 8]
-    width, taps = (17, (16, 14, 13, 11, 6, 4, 3, 1, 0)) if len(data) <= 16 else (21, (20, 13, 11, 7, 4, 3, 0))
-    register = {width - 1}  # the exponents that are set
-    for bit in [bit for bit, _ in sent] + list(sbc):
-        carry = (width - 1 in register) != (bit == "1")
-        register = {exponent + 1 for exponent in register if exponent + 1 < width}
-        register ^= set(taps) if carry else set()
-    checked = sbc + "".join("1" if exponent in register else "0" for exponent in reversed(range(width)))
+    width = 17 if len(data) <= 16 else 21
+    checked = sbc + crc_of("".join(bit for bit, _ in sent) + sbc, width, {width - 1})
     for position, bit in enumerate(checked):
         if position % 4 == 0:
             sent.append(("1" if sent[-1][0] == "0" else "0", True))
         sent.append((bit, True))
     return sent
+
+
+TAPS = {17: (16, 14, 13, 11, 6, 4, 3, 1, 0), 21: (20, 13, 11, 7, 4, 3, 0)}
+
+
+def crc_of(bits, width, register):
+    """The CRC of bits as text; of the register the exponents that are set."""
+    for bit in bits:
+        carry = (width - 1 in register) != (bit == "1")
+        register = {exponent + 1 for exponent in register if exponent + 1 < width}
+        register ^= set(TAPS[width]) if carry else set()
+    return "".join("1" if exponent in register else "0" for exponent in reversed(range(width)))
 
 
 def counted_fd(can_id, data, is_extended=False):

@@ -9,19 +9,15 @@ from hypothesis import strategies as st
 
 from hil.can.bits import (
     arbitration_key,
-    crc15,
-    crc_fd,
     duration_ns,
-    fd_head,
+    fd_bits,
     fd_sent_bits,
-    fd_stuffed_by,
     frame_bits,
     sent_bits,
-    stuff_bits,
     worst_case_bits,
 )
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
-from tests.oracles.can_fd import counted_fd, sent_by_fd
+from tests.oracles.can_fd import counted_fd, crc_of, sent_by_fd
 
 STANDARD = st.integers(0, 0x7FF)
 EXTENDED = st.integers(0, 0x1FFF_FFFF).map(lambda i: i | CAN_EFF_FLAG)
@@ -38,11 +34,16 @@ def as_sent(frame):
     else:
         header = "0" + f"{can_id & 0x7FF:011b}" + remote + "00"
     text = header + f"{len(data):04b}" + ("" if remote == "1" else "".join(f"{byte:08b}" for byte in data))
-    remainder = int(text, 2) << 15  # the CRC as what a division leaves
+    return text + f"{crc15(text):015b}"
+
+
+def crc15(text):
+    """The CRC as what a division leaves."""
+    remainder = int(text, 2) << 15
     for shift in range(len(text) - 1, -1, -1):
         if remainder >> (shift + 15) & 1:
             remainder ^= 0xC599 << shift
-    return text + f"{remainder:015b}"
+    return remainder
 
 
 def stuffed(text):
@@ -58,8 +59,7 @@ def stuffed(text):
 def test_the_empty_frame_with_identifier_0_is_counted_by_hand():
     # SOF, identifier, RTR, IDE, r0 and DLC are 19 dominant bits, and so is their CRC: 34 bits of one value.
     # Stuffed 00000 1 00000 1 …: a stuff bit after each five, 6 of them; then 13 bits of tail.
-    assert crc15(0, 19) == 0
-    assert stuff_bits(0, 34) == 6
+    assert sent_bits(Frame(0, b"")) == "000001" * 6 + "0000"
     assert frame_bits(Frame(0, b"")) == 34 + 6 + 13
     assert frame_bits(Frame(0, b""), stuffed=False) == 47
 
@@ -69,31 +69,14 @@ def test_sync_is_counted_by_hand():
     # 0000 1 00000[1] 00000[1] 0000 0[1] 0 111 00000[1] 00 101
     text = "0000100000000000000" + "001110000000101"
     assert as_sent(Frame(0x080, b"")) == text
-    assert crc15(int(text[:19], 2), 19) == int(text[19:], 2)
-    assert stuffed(text) == "0000100000" + "1" + "00000" + "1" + "00000" + "1" + "011100000" + "1" + "00101"
+    sent = "0000100000" + "1" + "00000" + "1" + "00000" + "1" + "011100000" + "1" + "00101"
+    assert sent_bits(Frame(0x080, b"")) == stuffed(text) == sent
     assert frame_bits(Frame(0x080, b"")) == 34 + 4 + 13
 
 
-def test_the_crc_is_that_of_the_published_check_value():
+def test_the_crc_of_the_written_out_bits_is_that_of_the_published_check_value():
     # CRC-15/CAN: polynomial 4599h, start 0, no reflection; "123456789" gives 059Eh (catalogue of parametrised CRC algorithms)
-    assert crc15(int.from_bytes(b"123456789", "big"), 72) == 0x059E
-
-
-@pytest.mark.parametrize(
-    ("text", "inserted"),
-    [
-        ("0000", 0),
-        ("00000", 1),
-        ("11111", 1),
-        ("0000011111", 2),
-        ("00000111101111", 2),
-        ("0000011110000", 3),
-        ("000001111", 2),
-        ("0101010101", 0),
-    ],
-)
-def test_a_stuff_bit_follows_five_equal_bits_and_counts_for_the_next_five(text, inserted):
-    assert stuff_bits(int(text, 2), len(text)) == inserted == len(stuffed(text)) - len(text)
+    assert crc15(f"{int.from_bytes(b'123456789', 'big'):072b}") == 0x059E
 
 
 @pytest.mark.parametrize(("length", "bits"), [(0, 55), (1, 65), (2, 75), (4, 95), (6, 115), (8, 135)])
@@ -112,8 +95,9 @@ def test_without_stuff_bits_the_length_follows_from_the_layout(can_id, data, bit
 
 
 @given(STANDARD | EXTENDED, DATA, st.booleans())
-def test_the_actual_length_is_that_of_the_bits_written_out(can_id, data, is_remote):
+def test_the_bits_are_those_written_out_and_so_is_their_number(can_id, data, is_remote):
     frame = Frame(can_id | (CAN_RTR_FLAG if is_remote else 0), data)
+    assert sent_bits(frame) == stuffed(as_sent(frame))
     assert frame_bits(frame) == len(stuffed(as_sent(frame))) + 13
 
 
@@ -206,13 +190,12 @@ def test_the_key_orders_frames_as_their_first_different_bit_does(one, other, one
 
 def test_the_crc_of_can_fd_is_that_of_the_published_check_value():
     # CRC-17/CAN-FD of the catalogue of parametrised CRC algorithms; it starts at 0, the standard with a leading 1
-    assert crc_fd(int.from_bytes(b"123456789", "big"), 72, 0) == 0x04F03
+    assert crc_of(f"{int.from_bytes(b'123456789', 'big'):072b}", 17, set()) == f"{0x04F03:017b}"
 
 
 def counted(can_id, data, is_extended=False):
     """Bits at the slow and at the fast rate, with the intermission."""
-    known = fd_head(can_id, len(data), is_extended)
-    return known.bits + known.inserted - known.fast_bits, known.fast_bits + fd_stuffed_by(known, data)
+    return fd_bits(can_id, data, extended=is_extended)
 
 
 # sizes without stuff bits by contents, with intermission: header + data + CRC field + 9 + 3 of Linux' length.h
@@ -244,12 +227,14 @@ def test_5_000_random_can_fd_frames_are_what_a_second_implementation_sends():
         data = bytes(chance.choice([0, 255, chance.getrandbits(8)]) for _ in range(chance.randrange(9)))
         assert counted(can_id, data, is_extended) == counted_fd(can_id, data, is_extended)
         if chance.random() < 0.02:
-            assert fd_sent_bits(can_id, data, is_extended) == "".join(bit for bit, _ in sent_by_fd(can_id, data, is_extended))
+            expected = "".join(bit for bit, _ in sent_by_fd(can_id, data, is_extended))
+            assert fd_sent_bits(can_id, data, extended=is_extended) == expected
 
 
 @given(st.integers(0, 0x7FF), DATA)
 def test_a_can_fd_frame_is_as_long_as_a_second_implementation_sends_it(can_id, data):
     assert counted(can_id, data) == counted_fd(can_id, data)
+    assert fd_sent_bits(can_id, data) == "".join(bit for bit, _ in sent_by_fd(can_id, data))
 
 
 def test_the_empty_can_fd_frame_with_identifier_0_is_counted_by_hand():
