@@ -152,42 +152,6 @@ class Kinematics:
         angular = np.where(moved, directions, 0.0)
         return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
 
-    def levers(self, angles: Real, of: LinkFrame | None = None) -> Real:
-        """Return the levers of all joints at a point.
-
-        A lever is the acceleration of the point over q̈_i, along the point's own axes; shape (..., 3, n). The point is
-        the tip unless another is given.
-        """
-        rotations, origins = self.links(angles)
-        of = self.tip if of is None else of
-        _, frame = self._pose(rotations, origins, of)
-        return np.asarray(np.swapaxes(frame, -1, -2) @ self._jacobian(rotations, origins, of)[..., :3, :])
-
-    def acceleration(self, angles: Real, speeds: Real, accelerations: Real, of: LinkFrame | None = None) -> Real:
-        """Return the acceleration of a point, J q̈ + J̇ q̇.
-
-        In the base frame, without gravity; shape (..., 3).
-        α_i = α_{i−1} + z_i q̈_i + ω_{i−1} × z_i q̇_i, a = Σ α_i × r_i + ω_i × (ω_i × r_i) over the links' vectors r_i.
-
-        Args:
-            angles: Joint angles in rad; shape (..., n).
-            speeds: Their speeds in rad/s; shape (..., n).
-            accelerations: Their accelerations in rad/s²; shape (..., n).
-            of: The point; the tip unless another is given.
-        """
-        of = self.tip if of is None else of
-        rotations, origins = self.links(angles)
-        point, _ = self._pose(rotations, origins, of)
-        directions = np.einsum("...ijk,ik->...ij", rotations, self.axes)
-        rate, change, found = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
-        for i in range(of.link):
-            own = directions[..., i, :] * np.asarray(speeds)[..., i, np.newaxis]
-            change = change + directions[..., i, :] * np.asarray(accelerations)[..., i, np.newaxis] + np.cross(rate, own)
-            rate = rate + own
-            vector = (point if i + 1 == of.link else origins[..., i + 1, :]) - origins[..., i, :]
-            found = found + np.cross(change, vector) + np.cross(rate, np.cross(rate, vector))
-        return found
-
     # -- the way back ------------------------------------------------------------------------------------------------------
 
     def solve(self, near: Real, position_m: Real, frame: Real | None, rounds: int = ROUNDS) -> tuple[Real, Real]:

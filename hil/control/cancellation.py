@@ -20,7 +20,6 @@ import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,55 +36,6 @@ LOAD_LOWPASS_HZ = 1.0
 """Corner of the low-pass that gives τ_g: it changes with the posture, over seconds; what shakes is at 4 Hz and more."""
 SMALLEST_FACTOR = 1e-6
 """Least factor of an order's amplitude."""
-
-
-class InnerCancellation(NamedTuple):
-    """Parameters of the cancellation inside a drive, orders 1, 2 and 4.
-
-    Attributes:
-        a2_rad: N A_2, at the motor.
-        phi2_rad: φ_2.
-        a4_rad: N A_4.
-        phi4_rad: φ_4.
-        inertia_kg_m2: J_m.
-        damping_nm_s_rad: D_m.
-        a1_rad: N A_1.
-        phi1_rad: φ_1.
-    """
-
-    a2_rad: float
-    phi2_rad: float
-    a4_rad: float
-    phi4_rad: float
-    inertia_kg_m2: float
-    damping_nm_s_rad: float
-    a1_rad: float
-    phi1_rad: float
-
-
-def inner_cancellation(
-    known: InnerCancellation, lowpass_hz: float, period_s: float, angle: float, speed_rad_s: float
-) -> tuple[float, float, float]:
-    """Return one sample of the cancellation inside a drive: Δθ_ref, Δθ̇_ff, Δτ.
-
-    It knows angle and speed, and needs no table.
-
-    With Δθ_m = −Σ a_k cos(k θ_m + φ_k), a_k = N A_k: the set-point moves by Δθ_m, so that the position loop sees nothing of it;
-    the velocity offset is F_lp s Δθ_m, as the loop measures it; the torque is J_m Δθ̈_m + D_m Δθ̇_m, half a period ahead.
-
-    Args:
-        known: Amplitudes and phases, and the motor.
-        lowpass_hz: Corner of F_lp.
-        period_s: The drive's own sampling time.
-        angle: θ_m as measured.
-        speed_rad_s: θ̇_m as measured.
-    """
-    of, additions = CORE.new("inner_cancellation"), np.empty(3)
-    for name, value in known._asdict().items():
-        setattr(of, name, value)
-    CORE.call.inner_cancellation(of, lowpass_hz, period_s, angle, speed_rad_s, CORE.pointer(additions))
-    reference, rate, torque = additions.tolist()
-    return reference, rate, torque
 
 
 def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Real, Real]:

@@ -149,15 +149,6 @@ def filled(errors: Real) -> Real:
     return np.where(is_known, own, mean)
 
 
-def scores(values: Real, errors: Real, design: Design | None = None) -> Real:
-    """Normal scores w of runs against those before them.
-
-    Values and errors have the shape (..., n); the conditions are the same for all series.
-    """
-    x = np.asarray(values, dtype=np.float64)
-    return expected(x, np.asarray(errors, dtype=np.float64), no_design(x.shape[-1]) if design is None else design).scores(x)
-
-
 def cumulative(score: Real) -> Real:
     """Return the larger cumulative sum after each run; shape (..., n)."""
     known = np.nan_to_num(score)

@@ -4,7 +4,7 @@ Records are objects with the fields of the structs of `hil/control/*.h`, see `te
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil.control.notch import NOTCH_FIXED, NOTCH_OFF, NOTCH_TRAPEZOID, NOTCHES
 
@@ -393,6 +393,19 @@ def cancellation_step(
         torque = math.floor(wanted / c.torque_step_nm + 0.5) * c.torque_step_nm
         s.left_nm = wanted - torque
     return reference, torque
+
+
+class InnerCancellation(NamedTuple):
+    """The cancellation inside a drive: N A_k and φ_k of the orders 1, 2 and 4, J_m and D_m."""
+
+    a2_rad: float
+    phi2_rad: float
+    a4_rad: float
+    phi4_rad: float
+    inertia_kg_m2: float
+    damping_nm_s_rad: float
+    a1_rad: float
+    phi1_rad: float
 
 
 def inner_cancellation(

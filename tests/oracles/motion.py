@@ -6,7 +6,6 @@ Records are objects with the fields of the structs of `plant_emulator/motion/rec
 import math
 from typing import Any
 
-from hil.control.cancellation import InnerCancellation
 from hil.control.notch import NOTCHES
 from plant_emulator.motion.record import (
     BRAKED,
@@ -48,7 +47,7 @@ from plant_emulator.motion.record import (
     TORQUE,
     VELOCITY,
 )  # fmt: skip
-from tests.oracles.law import FADE_S, cascade_start, hold_integrator, inner_cancellation, servo_step
+from tests.oracles.law import FADE_S, InnerCancellation, cascade_start, hold_integrator, inner_cancellation, servo_step
 from tests.oracles.plant import arm_acceleration, constants, go_through, grid_point, plant_period, put_error
 
 

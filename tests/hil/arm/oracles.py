@@ -39,3 +39,22 @@ def mujoco_model(arm):
 
 def words(values):
     return " ".join(repr(float(value)) for value in values)
+
+
+def acceleration(arm, angles, speeds, rates, of=None):
+    """J q̈ + J̇ q̇ of a point in the base frame, without gravity; shape (..., 3).
+
+    α_i = α_{i−1} + z_i q̈_i + ω_{i−1} × z_i q̇_i, a = Σ α_i × r_i + ω_i × (ω_i × r_i) over the links' vectors r_i.
+    """
+    of = arm.tip if of is None else of
+    rotations, origins = arm.links(angles)
+    point, _ = arm.pose(angles, of)
+    directions = np.einsum("...ijk,ik->...ij", rotations, arm.axes)
+    rate, change, found = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
+    for i in range(of.link):
+        own = directions[..., i, :] * np.asarray(speeds)[..., i, np.newaxis]
+        change = change + directions[..., i, :] * np.asarray(rates)[..., i, np.newaxis] + np.cross(rate, own)
+        rate = rate + own
+        vector = (point if i + 1 == of.link else origins[..., i + 1, :]) - origins[..., i, :]
+        found = found + np.cross(change, vector) + np.cross(rate, np.cross(rate, vector))
+    return found

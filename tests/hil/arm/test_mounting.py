@@ -11,6 +11,7 @@ from drive_profiles.files.toml import loads
 from hil.arm.kinematics import Kinematics
 from hil.arm.mounting import Mounting, along_lever, in_base
 from tests.hil.arm.arms import any_arm
+from tests.hil.arm.oracles import acceleration as acceleration_of
 
 MOUNTING = "origin_m = [0.03, -0.02, 0.05]\nrpy_deg = [20.0, -40.0, 110.0]\nmisalignment_deg = [0.5, -1.0, 0.7]"
 GRAVITY = np.array([0.3, -0.2, -9.81])
@@ -56,7 +57,7 @@ def test_an_axis_that_moves_alone_shows_its_lever_times_its_acceleration():
         still[:, joint] = angles[:, joint]
         only = np.zeros_like(speeds)
         only[:, joint] = 1.0
-        acceleration = kinematics.acceleration(still, speeds * only, rates * only, of)
+        acceleration = acceleration_of(kinematics, still, speeds * only, rates * only, of)
         lever = float(np.linalg.norm(kinematics.jacobian(still[0], of)[:3, joint]))
         found = along_lever(kinematics, of, still, joint, acceleration)
         np.testing.assert_allclose(found, lever * rates[:, joint], rtol=0.0, atol=1e-10)

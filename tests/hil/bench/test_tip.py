@@ -15,6 +15,7 @@ from hil.experiments.cancellation.trial import averaged
 from hil.experiments.motions import line_motion
 from hil.experiments.window import check_range
 from hil.recording import ALONG, SENSED, TIP, Recording
+from tests.hil.arm.oracles import acceleration
 from tests.hil.arm.reference import CHAIN, START, bench_with_arm, text_with_arm
 
 PERIOD_S = 0.002
@@ -55,7 +56,7 @@ def test_a_mounted_sensor_on_a_moving_axis_gives_the_axis_acceleration_times_its
         angles = np.tile(arm.home_rad(), (len(TIME), 1))
         angles[:, joint] += motor / ratio
         _, frames = kinematics.pose(angles, of)
-        true = kinematics.acceleration(angles, speeds, rates, of)
+        true = acceleration(kinematics, angles, speeds, rates, of)
         felt = np.einsum("nji,nj->ni", frames, true - np.array(arm.gravity_m_s2))
         recording = with_tip(bench, recorded(bench, {number: motor}, felt))
         np.testing.assert_allclose(joint_angles(bench, recording), angles, rtol=0.0, atol=1e-12)
@@ -133,7 +134,7 @@ def test_where_the_other_axes_stand_turns_the_sensor_and_what_is_read_is_scaled_
     rates[:, 0] = -2430.0 * np.sin(9.0 * TIME) / 120.0
     speeds = np.zeros_like(angles)
     speeds[:, 0] = 270.0 * np.cos(9.0 * TIME) / 120.0
-    true = kinematics.acceleration(angles, speeds, rates, of)
+    true = acceleration(kinematics, angles, speeds, rates, of)
     felt = np.einsum("nji,nj->ni", kinematics.pose(angles, of)[1], true - np.array(bench.arm.gravity_m_s2))
     raw = recorded(bench, {2: 30.0 * np.sin(9.0 * TIME)}, felt)
     found = with_tip(bench, raw, standing)

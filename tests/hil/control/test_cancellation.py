@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.control.cancellation import CancellationLaw, InnerCancellation, inner_cancellation
+from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad, WaveLabel
+from tests.hil.control.inside import inner_cancellation
+from tests.oracles.law import InnerCancellation
 
 PERIOD_S = 0.001
 STEP_RPS = 0.05

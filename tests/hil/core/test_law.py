@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.control.cancellation import CANCELLATION_CONFIG, CANCELLATION_STATE, WAVE_COLUMNS, InnerCancellation, inner_cancellation
+from hil.control.cancellation import CANCELLATION_CONFIG, CANCELLATION_STATE, WAVE_COLUMNS
 from hil.control.cascade import Cascade
 from hil.control.following import FollowingSettings
 from hil.control.notch import NOTCHES, FixedFilter, Notch, notch_coefficients, notch_weight
 from hil.control.servo import LAW
 from hil.core.library import CORE
+from tests.hil.control.inside import inner_cancellation
 from tests.oracles import following, law
 from tests.oracles.records import numbers, plain
 
@@ -118,7 +119,7 @@ def test_the_cancellation_is_that_of_the_specification_to_the_last_bit(seed):
 @given(SEEDS)
 def test_the_cancellation_in_a_drive_is_that_of_the_specification(seed):
     source = np.random.default_rng(seed)
-    known, at = InnerCancellation(*source.uniform(-0.3, 0.3, 8).tolist()), source.uniform(-50.0, 50.0, 2).tolist()
+    known, at = law.InnerCancellation(*source.uniform(-0.3, 0.3, 8).tolist()), source.uniform(-50.0, 50.0, 2).tolist()
     assert inner_cancellation(known, 300.0, 250e-6, *at) == law.inner_cancellation(known, 300.0, 250e-6, *at)
 
 

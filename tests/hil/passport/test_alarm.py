@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hil.passport.alarm import AlarmLimits, cumulative, scores, unwound_deg, watched
-from hil.passport.conditions import RunCondition, design_of
-from hil.passport.regression import FEWEST_BEFORE
+from hil.passport.alarm import AlarmLimits, cumulative, unwound_deg, watched
+from hil.passport.conditions import RunCondition, design_of, no_design
+from hil.passport.regression import FEWEST_BEFORE, expected
 
 RATE, SERIES, RUNS, HISTORIES = 1e-3, 6, 40, 2000
+
+
+def scores(values, errors, design=None):
+    """Normal scores of runs against those before them; shape (..., n)."""
+    return expected(values, errors, no_design(values.shape[-1]) if design is None else design).scores(values)
 
 
 def first_alarms(values, errors, limits, design=None):
