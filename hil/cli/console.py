@@ -254,13 +254,7 @@ class RunProgress(SpokenReporter):
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
         from rich.table import Column
 
         self._console = Console(stderr=True)

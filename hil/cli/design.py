@@ -9,15 +9,7 @@ import typer
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import fail, table
 from drive_profiles.processors import usable_processors
-from hil.cli.console import (
-    ExitStatus,
-    RunProgress,
-    epilog_without_motion,
-    exit_on_error,
-    exit_with,
-    result_directory,
-    say,
-)
+from hil.cli.console import ExitStatus, RunProgress, epilog_without_motion, exit_on_error, exit_with, result_directory, say
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
 from hil.errors import NotPossibleError
 

@@ -106,11 +106,7 @@ def learn(
                 )
                 lines = summary(by_ramps)
             else:
-                from hil.experiments.cancellation.probing.on_bus import (
-                    MotionLearnRequest,
-                    learn_motion_on_bus,
-                    motion_summary,
-                )
+                from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest, learn_motion_on_bus, motion_summary
 
                 probes = MotionLearnRequest(motion, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
                 console.confirm_motion(bench, _probing_lines(bench, probes), yes=given.yes)

@@ -82,14 +82,12 @@ class Effects:
         effects: What a unit of each setting adds; shape (settings, directions, rows).
         inverse: (XᵀX)⁻¹ of the design, the level's row first; shape (settings + 1, settings + 1).
         noise: Autocovariance of what equal runs differ by, by lag in rows; shape (directions, rows).
-        freedom: Number of runs beyond the unknowns, from which the noise is known.
     """
 
     level: Real
     effects: Real
     inverse: Real
     noise: Real
-    freedom: int
 
     @property
     def independent(self) -> float:
@@ -153,7 +151,7 @@ def effects_of(settings: Real, rows: Real) -> Effects:
     inverse = np.linalg.inv(unknowns.T @ unknowns)
     solved = np.tensordot(inverse @ unknowns.T, rows, axes=1)
     left = rows - np.tensordot(unknowns, solved, axes=1)
-    return Effects(solved[0], solved[1:], inverse, np.sum(autocovariance(left), axis=0) / freedom, freedom)
+    return Effects(solved[0], solved[1:], inverse, np.sum(autocovariance(left), axis=0) / freedom)
 
 
 def autocovariance(values: Real) -> Real:

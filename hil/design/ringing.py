@@ -109,7 +109,6 @@ class Ringing:
     standard_error_hz: float
     damping: float
     orders: tuple[float, ...]
-    explained_fraction: float
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
             f"the tip rings near {tip.peak_hz:.1f} Hz, which is f_al or the sensor on its mounting; the motor "
             "torque does not show which"
         )
-    return Ringing(tip.peak_hz, error, tip.damping, tuple(met), tip.explained_fraction)
+    return Ringing(tip.peak_hz, error, tip.damping, tuple(met))
 
 
 class _RampModel:

@@ -10,12 +10,7 @@ from numpy.typing import NDArray
 from hil.control.notch import NO_NOTCH, NOTCHES
 from plant_emulator.core import CORE
 from plant_emulator.motion.arm import CoupledArm
-from plant_emulator.motion.record import (
-    AXIS,
-    BRAKED,
-    NO_SET_POINT,
-    UNTIL_WRITTEN,
-)
+from plant_emulator.motion.record import AXIS, BRAKED, NO_SET_POINT, UNTIL_WRITTEN
 from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.sensing import SensorResponse
 from plant_emulator.physics.tip import MovedTip, TipSensor

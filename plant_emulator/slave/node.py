@@ -18,13 +18,7 @@ from plant_emulator.slave.dictionary import Dictionary, ResetKind
 from plant_emulator.slave.emergency import EmergencyProducer
 from plant_emulator.slave.error_control import MASTER, ErrorControl
 from plant_emulator.slave.lss import LssSlave
-from plant_emulator.slave.nmt import (
-    ERROR_BEHAVIOUR,
-    RESETS,
-    SERVICES,
-    TRANSITIONS,
-    NmtService,
-)
+from plant_emulator.slave.nmt import ERROR_BEHAVIOUR, RESETS, SERVICES, TRANSITIONS, NmtService
 from plant_emulator.slave.objects import ERROR_BEHAVIOUR as ERROR_BEHAVIOUR_OBJECT
 from plant_emulator.slave.pdo.engine import PdoEngine
 from plant_emulator.slave.pdo.rpdo import Rpdo

@@ -428,7 +428,7 @@ class GearFit:
             began = cost
         known = self._weight[self._weight > 0.0]
         evidence = cost + 0.5 * (np.linalg.slogdet(state.square)[1] - float(np.sum(np.log(known))))
-        return replace(state, variances=variances, noise=noise, cost=cost, evidence=evidence)
+        return replace(state, noise=noise, cost=cost, evidence=evidence)
 
     def _noise_at(
         self, p: Real, left: list[list[Complex]], moved: list[Complex], before: _Noise | None
@@ -461,12 +461,12 @@ class GearFit:
                     break
                 damped *= 8.0
             else:
-                return _State(p, left, moved, variances, noise, cost, square)
+                return _State(p, left, moved, noise, cost, square)
             gained, damped = cost - cost_t, max(1e-6, damped * 0.2)
             p, left, moved, variances, cost = trial, left_t, moved_t, variances_t, cost_t
             if gained < least_gain:
                 break
-        return _State(p, left, moved, variances, noise, cost, square)
+        return _State(p, left, moved, noise, cost, square)
 
 
 @dataclass(frozen=True)
@@ -480,7 +480,6 @@ class _State:
     p: Real
     left: list[list[Complex]]
     moved: list[Complex]
-    variances: list[list[Real]]
     noise: _Noise
     cost: float
     square: Real

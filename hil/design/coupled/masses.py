@@ -95,7 +95,6 @@ class MassFit:
         basis: Base parameters in terms of θ, as columns; shape (parameters, base).
         unknowns: β, in units of its size, and ln K; shape (base + n,).
         size: Size of β.
-        residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
     """
 
     basis: Real
@@ -103,7 +102,6 @@ class MassFit:
     size: float
     covariance: Real
     misfit: float
-    residuals: Real
     best: int
 
     @property
@@ -191,7 +189,7 @@ def fit_masses(regressors: Real, felt: Sequence[FeltMode], workspace: Real, made
     if known < len(fit.x):
         raise TooFewPosturesError(known, len(fit.x), best)
     covariance = np.asarray((rows.T / sizes**2) @ rows) / np.outer(scales, scales) * max(1.0, misfit) ** 2
-    return MassFit(basis, np.asarray(fit.x), size, covariance, misfit, residuals, best)
+    return MassFit(basis, np.asarray(fit.x), size, covariance, misfit, best)
 
 
 def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Real) -> tuple[Any, float]:

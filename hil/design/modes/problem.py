@@ -23,16 +23,7 @@ import numpy as np
 from hil.control.arrays import Complex, Real
 from hil.design.estimation import EstimatedMode
 from hil.design.frequency import TIP_HZ, AnyComplex, TwoInertia
-from hil.design.plant_problem import (
-    DAMPING,
-    J_L,
-    K_G,
-    LARGEST_CHANGE,
-    LEVER,
-    TURNED,
-    PlantProblem,
-    SamplingTiming,
-)
+from hil.design.plant_problem import DAMPING, J_L, K_G, LARGEST_CHANGE, LEVER, TURNED, PlantProblem, SamplingTiming
 from hil.design.plant_spectra import Spectra
 
 WITHOUT_TIP, WITH_TIP = LEVER, TURNED + 1

@@ -70,7 +70,6 @@ class RingDown:
         amplitude_mm: Amplitude of the tip with each where the set-points stand still.
         rms_mm: Root mean square of all together, over the time that was looked at.
         time_s: That time.
-        rest_m_s2: Root mean square of the acceleration that no pole explains.
         wave_m_s2: Acceleration of all that rings; shape (n,).
     """
 
@@ -79,7 +78,6 @@ class RingDown:
     error_mm: tuple[float, ...]
     rms_mm: float
     time_s: float
-    rest_m_s2: float
     wave_m_s2: Real
 
     @property
@@ -122,7 +120,7 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
         moved += to_mm * matrix[:, at : at + 2] @ solution[at : at + 2]
     return RingDown(
         tuple(modes), tuple(amplitudes), tuple(errors), float(np.sqrt(np.mean(moved**2))), count * period_s,
-        math.sqrt(float(np.mean(rest**2))), matrix[:, begin:] @ solution[begin:],
+        matrix[:, begin:] @ solution[begin:],
     )  # fmt: skip
 
 

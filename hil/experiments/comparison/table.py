@@ -9,13 +9,7 @@ from hil.design.compliance import Compliance, compliance, judged_speeds
 from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
 from hil.experiments.plan import Experiment, same_window
 from hil.experiments.treatment import TreatmentSetup
-from hil.results.comparison import (
-    AxisCompliance,
-    ComparisonRobot,
-    ComparisonRow,
-    ComplianceFactors,
-    TreatmentTable,
-)
+from hil.results.comparison import AxisCompliance, ComparisonRobot, ComparisonRow, ComplianceFactors, TreatmentTable
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
 
 Key = tuple[str, int | None, str, str]

@@ -18,14 +18,7 @@ from hil.experiments.plant.motion import PlantRequest, bus_demand
 from hil.experiments.plant.posture import bring_to, check_posture, felt_posture, joint_deg, standing_deg
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
-from hil.results.plant import (
-    ExcitationPlan,
-    FrequencyResponseEntry,
-    FrictionCurve,
-    PlantCheck,
-    PlantRequestEntry,
-    PlantResult,
-)
+from hil.results.plant import ExcitationPlan, FrequencyResponseEntry, FrictionCurve, PlantCheck, PlantRequestEntry, PlantResult
 
 
 def run_identify_plant(

@@ -130,7 +130,7 @@ def test_runs_that_do_not_tell_settings_or_noise_are_refused() -> None:
 def test_a_motion_too_short_for_so_many_unknowns_is_refused() -> None:
     world = World(9, 12, own=1.0)
     probed = world.probed()
-    short = type(probed)(probed.level[:1, :60], probed.effects[:, :1, :60], probed.inverse, probed.noise[:1, :60], probed.freedom)
+    short = type(probed)(probed.level[:1, :60], probed.effects[:, :1, :60], probed.inverse, probed.noise[:1, :60])
     with pytest.raises(ValueError, match="independent samples"):
         step_to_nothing(short)
 

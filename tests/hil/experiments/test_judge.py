@@ -162,7 +162,7 @@ def looked(monkeypatch: pytest.MonkeyPatch, bench: Bench, own: Ringing | str, ax
 
 
 def ring(peak_hz: float, error_hz: float = 0.1) -> Ringing:
-    return Ringing(peak_hz, error_hz, 0.05, (2, 4), 0.9)
+    return Ringing(peak_hz, error_hz, 0.05, (2, 4))
 
 
 def test_the_ramps_own_resonance_judges_where_there_is_no_model(monkeypatch: pytest.MonkeyPatch) -> None:
