@@ -5,6 +5,8 @@ from typing import Literal
 from pydantic import Field
 
 from hil.bench.model import IdentifiedError
+from hil.design.recorded.fixed_lines import FixedFrequency
+from hil.design.recorded.scan import Peak
 from hil.results.base import Result, ResultPart
 
 Form = Literal["two encoders", "tip acceleration", "motor torque"]
@@ -75,33 +77,6 @@ class OrderChange(ResultPart):
     is_seen: bool
 
 
-class ScanPeak(ResultPart):
-    """An order of the scan, with the false-alarm level.
-
-    Attributes:
-        amplitude: Its amplitude, in arcsec of the joint.
-        level: False-alarm level there, in arcsec.
-    """
-
-    order: float
-    amplitude: float
-    level: float
-
-
-class FixedLine(ResultPart):
-    """A line whose frequency remains fixed while the speed changes.
-
-    It comes from the sampling or another machine, not from the gear.
-
-    Attributes:
-        order: Order at which it lies at most of the speeds.
-    """
-
-    hz: float
-    order: float
-    amplitude: float
-
-
 class ScanEntry(ResultPart):
     """Blind scan of the orders.
 
@@ -110,16 +85,16 @@ class ScanEntry(ResultPart):
     Attributes:
         unit: Unit of the amplitudes: of the joint, through the arm for a sensor behind it.
         false_alarm: Probability with which noise alone reaches the level anywhere in the scan.
-        highest: Highest order, above the level or not.
+        highest: Highest order, above the level or not, with the level there; both in arcsec.
         peaks: Orders above the level, the highest first.
         lines: Lines at a fixed frequency that were taken out before.
     """
 
     unit: str
     false_alarm: float
-    highest: ScanPeak
-    peaks: tuple[ScanPeak, ...] = ()
-    lines: tuple[FixedLine, ...] = ()
+    highest: Peak
+    peaks: tuple[Peak, ...] = ()
+    lines: tuple[FixedFrequency, ...] = ()
 
 
 class RecordedAteResult(Result):

@@ -24,7 +24,7 @@ from hil.errors import NotPossibleError
 from hil.report import palette
 from hil.scope.signals import SignalQuantity, state_words
 from hil.scope.sources import PageSource
-from hil.scope.spectra import SpectrumError, amplitude_spectrum, order_spectrum
+from hil.scope.spectra import SpectrumError, frequency_spectrum, order_spectrum
 from hil.scope.trigger import Trigger, TriggerRule
 
 LOOPBACK = "127.0.0.1"
@@ -233,7 +233,7 @@ def spectrum_answer(message: bytes) -> bytes | str:
         numbers = np.frombuffer(message, "<f8")
         is_order, count = bool(numbers[0]), int(numbers[1])
         parts = numbers[2:].reshape(3 if is_order else 2, count)
-        x, y = order_spectrum(*parts) if is_order else amplitude_spectrum(*parts)
+        x, y = order_spectrum(*parts) if is_order else frequency_spectrum(*parts)
     except SpectrumError as error:
         return str(error)
     except (ValueError, IndexError, OverflowError):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hil.analysis import amplitude_spectrum
 from hil.control.arrays import Real
 from hil.design.order_map import order_map
 
@@ -16,15 +17,10 @@ class SpectrumError(ValueError):
     """A window without a spectrum; the message has the reason."""
 
 
-def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
+def frequency_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
     """Compute the amplitude spectrum of a signal by frequency.
 
-    Without its mean, in a Hann window w:
-
-        A(f) = 2 |Σ w_n x_n e^{−2πj f n T}| / Σ w_n,
-
-    which is the amplitude of a sine whose frequency lies on a line. Times rise; the signal has NaN for a missing sample; shapes
-    (n,).
+    Without its mean, in a Hann window. Times rise; the signal has NaN for a missing sample; shapes (n,).
 
     Returns:
         Frequencies in Hz and amplitudes in the signal's unit; shape (n // 2 + 1,).
@@ -33,10 +29,7 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
         SpectrumError: There are too few samples, or too many are missing.
     """
     period_s, (signal,) = _even(time_s, values)
-    window = np.hanning(len(signal) + 1)[:-1]
-    spectrum = np.fft.rfft(window * (signal - np.mean(signal)))
-    frequency = np.arange(len(spectrum), dtype=np.float64) / (len(signal) * period_s)
-    return frequency, 2.0 * np.abs(spectrum) / np.sum(window)
+    return amplitude_spectrum(signal - np.mean(signal), period_s, "hann")
 
 
 def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, Real]:

@@ -3,7 +3,7 @@
 import datetime
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from hil.design.recorded.fit import AngleSection, SectionFit, fit_section, least
 from hil.design.recorded.fixed_lines import FixedFrequency, without_lines
 from hil.design.recorded.joint import Change, JointFit, RecordedValue, joined, moves_of, values_of, widened_by
 from hil.design.recorded.order_columns import columns_of, scanned_orders
-from hil.design.recorded.scan import FALSE_ALARM, BlindScan, order_scan
+from hil.design.recorded.scan import FALSE_ALARM, BlindScan, Peak, order_scan
 from hil.design.recorded.stretches import MotionStretch, parts_of, speed_of, stretches
 from hil.design.recorded.swing import JointSwing
 from hil.design.recorded.through_arm import RefinedArm
@@ -35,7 +35,6 @@ from hil.experiments.ate.recorded.sensed import SensedFiles, sensed_files
 from hil.recordings.reading import Recorded, read_recording
 from hil.results.base import RESULT_FILE, versions
 from hil.results.recorded_ate import (
-    FixedLine,
     Form,
     OrderChange,
     OrderEntry,
@@ -43,7 +42,6 @@ from hil.results.recorded_ate import (
     RecordedFile,
     RecordedStretch,
     ScanEntry,
-    ScanPeak,
 )
 from hil.robot_tables import TransmissionErrorTable
 
@@ -420,14 +418,13 @@ def _scan_entry(scan: BlindScan, lines: Sequence[FixedFrequency], scale: float) 
     `scale` is the unit of the signal.
     """
 
-    def peak(order: float, amplitude: float, level: float) -> ScanPeak:
-        return ScanPeak(order=round(order, 3), amplitude=amplitude / ARCSEC, level=level / ARCSEC)
+    def peak(each: Peak) -> Peak:
+        return Peak(round(each.order, 3), each.amplitude / ARCSEC, each.level / ARCSEC)
 
-    top = scan.highest
     return ScanEntry(
         unit="arcsec",
         false_alarm=FALSE_ALARM,
-        highest=peak(top.order, top.amplitude, top.level),
-        peaks=tuple(peak(each.order, each.amplitude, each.level) for each in scan.peaks[:20]),
-        lines=tuple(FixedLine(hz=each.hz, order=each.order, amplitude=each.amplitude / scale) for each in lines),
+        highest=peak(scan.highest),
+        peaks=tuple(map(peak, scan.peaks[:20])),
+        lines=tuple(replace(each, amplitude=each.amplitude / scale) for each in lines),
     )
