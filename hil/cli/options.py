@@ -54,6 +54,14 @@ OrdersOption = Annotated[
     str,
     typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error, comma-separated; also fractions."),
 ]
+DescriptionsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--description",
+        metavar="FILE[:NODE]",
+        help="EDS, DCF or XDD of a node: drive.eds:2; repeatable. Not needed for a drive whose set-up is heard.",
+    ),
+]
 NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; default: a new one in bench-out.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]
 OverloadOption = Annotated[bool, typer.Option("--overload", help="Run even if the frames do not fit on the bus (hil plan).")]

@@ -46,6 +46,15 @@ AXES = AxisCompleter(Path(__file__).parents[1] / "robots")
 RobotOption = Annotated[
     str, typer.Option("--robot", help="Robot file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference)
 ]
+DriveOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--drive",
+        metavar="AXIS=PROFILE[/PRODUCT]",
+        help="Drive of an axis: a profile by name or file; repeatable.",
+        autocompletion=AXES.with_profile,
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 
 

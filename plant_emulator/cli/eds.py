@@ -8,7 +8,7 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import fail
-from plant_emulator.cli.console import AXES, EmulatorExitStatus, by_axis, ends, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import DriveOption, EmulatorExitStatus, by_axis, ends, exit_on_error, exit_on_value_error
 
 EDS_EPILOG = ends(FILE="a bad robot file, or the files cannot be written")
 
@@ -24,15 +24,7 @@ def eds(
             autocompletion=complete_reference,
         ),
     ] = None,
-    drive: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--drive",
-            metavar="AXIS=PROFILE[/PRODUCT]",
-            help="With --robot: as for `plant-emulator serve`; repeatable.",
-            autocompletion=AXES.with_profile,
-        ),
-    ] = None,
+    drive: DriveOption = None,
 ) -> None:
     """Write the EDS files of the emulated drive and accelerometer.
 

@@ -16,6 +16,7 @@ from drive_profiles.cli.console import fail
 from drive_profiles.errors import FileError
 from plant_emulator.cli.console import (
     AXES,
+    DriveOption,
     EmulatorExitStatus,
     RobotOption,
     axis_numbers,
@@ -47,15 +48,6 @@ ServedBusOption = Annotated[
     typer.Option(
         "--bus",
         help=f"Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus. Default: {BUS_VARIABLE}, then {DEFAULT_BUS}.",
-    ),
-]
-DriveOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--drive",
-        metavar="AXIS=PROFILE[/PRODUCT]",
-        help="Drive of an axis: a profile by name or file; repeatable.",
-        autocompletion=AXES.with_profile,
     ),
 ]
 ServedAxesOption = Annotated[

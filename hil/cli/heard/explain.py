@@ -10,7 +10,7 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import progress
 from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say_page
-from hil.cli.options import JsonOption, bit_rate_from
+from hil.cli.options import DescriptionsOption, JsonOption, bit_rate_from
 
 if TYPE_CHECKING:
     from drive_profiles.eds.description import Description
@@ -26,14 +26,7 @@ EXPLAIN_EPILOG = epilog_without_motion({
 @command(epilog=EXPLAIN_EPILOG)
 def explain(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a bus: candump (-l, or -ta), BLF, ASC, TRC, MF4.")],
-    description: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--description",
-            metavar="FILE[:NODE]",
-            help="EDS, DCF or XDD of a node: drive.eds:2; repeatable. Not needed if the log contains the drive's set-up.",
-        ),
-    ] = None,
+    description: DescriptionsOption = None,
     bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which a log does not contain: 1M, 500k.")] = None,
     interface: Annotated[
         str | None,

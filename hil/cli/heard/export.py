@@ -10,7 +10,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, progress
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.heard.explain import description_from
-from hil.cli.options import OptionalBenchOption
+from hil.cli.options import DescriptionsOption, OptionalBenchOption
 
 if TYPE_CHECKING:
     from hil.export.series import Series
@@ -40,12 +40,7 @@ def export(
         str | None, typer.Option("--run", metavar="NAME", help="Name of a recording in a directory of several.")
     ] = None,
     bench_file: OptionalBenchOption = None,
-    description: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up is not in the log; repeatable."
-        ),
-    ] = None,
+    description: DescriptionsOption = None,
     interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface to read if the log has several: can1.")] = None,
     plotjuggler: Annotated[
         str | None,

@@ -15,7 +15,7 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.live import DEFAULT_PORT
-from hil.cli.options import BusOption, OptionalBenchOption
+from hil.cli.options import BusOption, DescriptionsOption, OptionalBenchOption
 from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:
@@ -37,12 +37,7 @@ def scope(
     ] = None,
     bus: BusOption = None,
     bench_file: OptionalBenchOption = None,
-    description: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node, for its mapping: drive.eds:2; repeatable."
-        ),
-    ] = None,
+    description: DescriptionsOption = None,
     ask: Annotated[
         str,
         typer.Option(
