@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import sys
@@ -103,6 +104,26 @@ def fail(message: str, code: int) -> typer.Exit:
     """Print what is wrong, and return the exit to raise."""
     typer.echo(message, err=True)
     return typer.Exit(code)
+
+
+def numbered(option: str, given: Iterable[str] | None, form: str = "AXIS=VALUE") -> dict[int, str]:
+    """Return the values of an option such as AXIS=VALUE, by number.
+
+    Raises:
+        typer.Exit: One is not of that form, or a number is given twice.
+    """
+    values: dict[int, str] = {}
+    what, _, kind = form.partition("=")
+    for text in given or ():
+        number, _, value = text.strip().partition("=")
+        if not (number.isascii() and number.isdigit() and value):
+            begin, rest = [*re.split(r"\W", text, maxsplit=1), ""][:2]  # 3:x is meant as 3=x
+            meant = f"{begin if begin.isdigit() else 2}={rest or kind}"
+            raise fail(f"{option} {text}: expected {form}, such as {meant}", ExitStatus.USAGE)
+        if int(number) in values:
+            raise fail(f"{option}: {what.lower()} {number} is given twice; give it once", ExitStatus.USAGE)
+        values[int(number)] = value
+    return values
 
 
 def print_json(document: Any) -> None:

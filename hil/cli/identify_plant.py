@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import fail
+from drive_profiles.cli.console import fail, numbered
 from drive_profiles.standard.shown import measured
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
@@ -94,14 +94,11 @@ def _posture(text: str | None) -> dict[int, float]:
     Raises:
         typer.Exit: The text has none.
     """
-    found: dict[int, float] = {}
-    for part in (text or "").split(",") if text else ():
-        axis, _, angle = part.partition("=")
-        try:
-            found[int(axis)] = float(angle)
-        except ValueError:
-            raise fail(f"--posture-deg {text!r}: give joint angles like 2=30,3=-90", ExitStatus.USAGE) from None
-    return found
+    found = numbered("--posture-deg", text.split(",") if text else (), "AXIS=ANGLE")
+    try:
+        return {axis: float(angle) for axis, angle in found.items()}
+    except ValueError:
+        raise fail(f"--posture-deg {text!r}: give joint angles like 2=30,3=-90", ExitStatus.USAGE) from None
 
 
 def _summary(result: "PlantResult") -> None:

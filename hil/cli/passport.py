@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import table
+from drive_profiles.cli.console import fail, numbered, table
 from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say, say_left_out, say_page
 from hil.cli.options import JsonOption
 from hil.errors import NotPossibleError
@@ -116,17 +116,12 @@ def _counts(texts: list[str], option: str) -> dict[int, int]:
     """Numbers by axis.
 
     Raises:
-        typer.BadParameter: One is none.
+        typer.Exit: One is none.
     """
-    found: dict[int, int] = {}
-    for text in texts:
-        axis, _, count = text.partition("=")
-        if not (axis.isdecimal() and count.isdecimal() and 1 <= int(count) <= 1000):
-            raise typer.BadParameter(
-                f"{text!r}: expected AXIS=NUMBER, e.g. 2=5 for axis 2, with a number from 1 to 1000", param_hint=option
-            )
-        found[int(axis)] = int(count)
-    return found
+    found = numbered(option, texts, "AXIS=NUMBER")
+    if wrong := next((text for text in found.values() if not (text.isdecimal() and 1 <= int(text) <= 1000)), None):
+        raise fail(f"{option}: {wrong!r} is not a number from 1 to 1000", ExitStatus.USAGE)
+    return {axis: int(text) for axis, text in found.items()}
 
 
 def _entry(trend: "Trend") -> dict[str, object]:

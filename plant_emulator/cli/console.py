@@ -1,6 +1,5 @@
 """Exit statuses, options and error handling of ``plant-emulator``."""
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -98,25 +97,6 @@ def exit_on_value_error(file: str | None = None) -> Iterator[None]:
     except ValueError as error:
         status, where = (EmulatorExitStatus.USAGE, "") if file is None else (EmulatorExitStatus.FILE, f"{file}: ")
         raise fail(f"{where}{error}", status) from None
-
-
-def by_axis(option: str, given: list[str] | None) -> dict[int, str]:
-    """Return the values of a repeated option AXIS=VALUE, by axis.
-
-    Raises:
-        typer.Exit: One is not of that form, or an axis is given twice.
-    """
-    values = {}
-    for text in given or ():
-        axis, _, value = text.partition("=")
-        if not (axis.isascii() and axis.isdigit() and value):
-            number, rest = [*re.split(r"\W", text, maxsplit=1), ""][:2]  # 3:x is meant as 3=x
-            meant = f"{number if number.isdigit() else 2}={rest or 'VALUE'}"
-            raise fail(f"{option} {text}: expected AXIS=VALUE, such as {meant}", EmulatorExitStatus.USAGE)
-        if int(axis) in values:
-            raise fail(f"{option}: axis {axis} is given twice", EmulatorExitStatus.USAGE)
-        values[int(axis)] = value
-    return values
 
 
 def axis_numbers(given: str, model: "Robot") -> list[int]:

@@ -7,8 +7,8 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_reference
-from drive_profiles.cli.console import fail
-from plant_emulator.cli.console import DriveOption, EmulatorExitStatus, by_axis, ends, exit_on_error, exit_on_value_error
+from drive_profiles.cli.console import fail, numbered
+from plant_emulator.cli.console import DriveOption, EmulatorExitStatus, ends, exit_on_error, exit_on_value_error
 
 EDS_EPILOG = ends(FILE="a bad robot file, or the files cannot be written")
 
@@ -41,7 +41,7 @@ def eds(
     from plant_emulator.data_sheets import data_sheets, data_sheets_of
     from plant_emulator.robots.robot import load_robot, with_drives
 
-    drives = by_axis("--drive", drive)
+    drives = numbered("--drive", drive)
     if drives and robot is None:
         raise fail("--drive needs --robot, whose axes it changes", EmulatorExitStatus.USAGE)
     with exit_on_error():

@@ -12,7 +12,7 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE, LOCAL, Address, AddressError, BusChoice, choose_bus, parse_address
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import fail
+from drive_profiles.cli.console import fail, numbered
 from drive_profiles.errors import FileError
 from plant_emulator.cli.console import (
     AXES,
@@ -20,7 +20,6 @@ from plant_emulator.cli.console import (
     EmulatorExitStatus,
     RobotOption,
     axis_numbers,
-    by_axis,
     ends,
     exit_on_error,
     exit_on_value_error,
@@ -152,7 +151,7 @@ def serve(
 
         can_viewer -i hil_local -c /tmp/robot.sock
     """
-    drives, sheets = by_axis("--drive", drive), by_axis("--eds", eds)
+    drives, sheets = numbered("--drive", drive), numbered("--eds", eds)
     address, endpoint = _addresses(bus, slcan, virtualcan)
     model = _robot(
         robot, axes=axis, drives=drives, tuning=tuning, eds=sheets, store_time_s=store_time_s,

@@ -7,7 +7,7 @@ import typer
 
 from drive_profiles.address import choose_bus
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail
+from drive_profiles.cli.console import epilog, fail, numbered
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.options import AXES, BusOption
 
@@ -82,17 +82,6 @@ def _named(given: list[str]) -> dict[int, str]:
     """Return profiles by node-ID, those of files by absolute path.
 
     A relative path in the bench file would count from its own folder.
-
-    Raises:
-        typer.Exit: A text has another form, or a node is given twice.
     """
-    named: dict[int, str] = {}
-    for text in given:
-        node, _, name = text.partition("=")
-        if not (node.isascii() and node.isdigit() and name):
-            raise fail(f"--profile {text}: expected NODE=PROFILE, such as 2=maxon_epos4", ExitStatus.USAGE)
-        if int(node) in named:
-            raise fail(f"--profile: node {node} is given twice; give it once", ExitStatus.USAGE)
-        path = Path(name)
-        named[int(node)] = str(path.absolute()) if path.suffix and path.exists() else name
-    return named
+    named = numbered("--profile", given, "NODE=PROFILE")
+    return {node: str(path.absolute()) if (path := Path(name)).suffix and path.exists() else name for node, name in named.items()}

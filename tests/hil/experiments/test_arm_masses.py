@@ -161,7 +161,7 @@ def test_a_posture_that_is_measured_again_replaces_the_one_before():
 def test_a_posture_that_is_no_list_of_angles_is_a_wrong_option():
     done = CliRunner().invoke(app, ["identify", "plant", "--bench", "reference-arm", "--axis", "2", "--posture-deg", "2:30"])
     assert done.exit_code == 2
-    assert "--posture-deg '2:30': give joint angles like 2=30,3=-90" in done.output
+    assert "--posture-deg 2:30: expected AXIS=ANGLE, such as 2=30" in done.output
 
 
 @pytest.mark.ci
