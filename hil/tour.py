@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 from drive_profiles.cli.console import Interrupts
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.target import device_at
+from drive_profiles.files.toml import load
 from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.processors import usable_processors
 from drive_profiles.upload import fleet
@@ -49,7 +50,7 @@ from hil.report.writer import write_report_of
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import TourNotch, TourPart, TourResult, TourStep
-from hil.results.revealed import facts_of, load_truth
+from hil.results.revealed import TrueRobot, facts_of
 
 T = TypeVar("T")
 Step = Callable[[], tuple[str, str]]
@@ -271,7 +272,7 @@ class _TourRunner(TourRunner):
         if self.robot is None:
             return found
         (self.out / ROBOT_FILE).write_bytes(self.robot.robot_file.read_bytes())
-        truth = load_truth(self.robot.robot_file)
+        truth = load(self.robot.robot_file, TrueRobot)
         known = load_identified(self.model).axis if self.model.is_file() else {}
         facts = [fact for axis in self.axes for fact in facts_of(axis, truth.axis[axis], known.get(axis, IdentifiedAxis()))]
         return {**found, "robot_file": ROBOT_FILE, "seed": self.robot.seed, "facts": tuple(facts)}

@@ -5,11 +5,10 @@ Their comparison shows the quality of the identification, after all runs.
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 
 from pydantic import ConfigDict
 
-from drive_profiles.files.toml import Table, load
+from drive_profiles.files.toml import Table
 from hil.bench.model import IdentifiedAxis
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.results.comparison import TourFact
@@ -51,15 +50,6 @@ class TrueRobot(Table):
     model_config = ConfigDict(extra="ignore")
 
     axis: dict[AxisNumber, TrueAxis]
-
-
-def load_truth(path: Path) -> TrueRobot:
-    """Read what a tour reveals of a robot file.
-
-    Raises:
-        FileError: The file lacks one of these numbers, or has a wrong one.
-    """
-    return load(path, TrueRobot)
 
 
 def facts_of(number: int, truth: TrueAxis, known: IdentifiedAxis) -> Iterator[TourFact]:

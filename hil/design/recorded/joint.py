@@ -10,7 +10,7 @@ import scipy
 
 from hil.control.angles import ARCSEC
 from hil.control.arrays import Real
-from hil.design.recorded.fit import AngleSection, SectionFit, fit_section
+from hil.design.recorded.fit import SectionFit
 
 DRIFTS_BELOW = 0.001
 """Probability: of the differences of an order between stretches, were it the same in all, below which it has changed."""
@@ -140,18 +140,6 @@ def widened_by(whole: JointFit, parts: JointFit) -> JointFit:
         a_error, phi_error = widened * value.a_error_arcsec, min(180.0, widened * value.phi_error_deg)
         values[order] = replace(value, a_error_arcsec=a_error, phi_error_deg=phi_error)
     return replace(whole, values=values)
-
-
-def moves_of(section: AngleSection, moved: Sequence[AngleSection], orders: Sequence[float], degree: int) -> Real:
-    """Change of the unknowns per standard error of each prior.
-
-    The stretch is the same; shape (2·orders, errors).
-
-    Args:
-        moved: The same where one value of the prior is off by its standard error.
-    """
-    middle = fit_section(section, orders, repeats=0, degree=degree).unknowns
-    return np.column_stack([fit_section(each, orders, repeats=0, degree=degree).unknowns - middle for each in moved])
 
 
 def _span_deg(vectors: Sequence[Real]) -> float:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from hil.control.arrays import Real
 from hil.design.order_map import APART_TURNS
-from hil.design.recorded.fit import AngleSection, waves_of_angle
+from hil.design.recorded.fit import waves_of_angle
 from hil.design.recorded.order_columns import FLOOR_STEP, ORDER_STEP, SCAN_FROM, SCAN_TO, OrderColumns
-from hil.design.recorded.slow import slow_columns
 
 FLOOR_WIDTH, FLOOR_CELLS = 1.0, 16.0
 """Measured: orders to either side of which the floor is the median, and independent ones at least. Of 100 recordings without any
@@ -75,14 +74,6 @@ class BlindScan:
         above = self.amplitude >= self.level
         row = int(np.argmax(np.where(above, self.amplitude, 0.0) if np.any(above) else self.amplitude / self.level))
         return Peak(float(self.order[row]), float(self.amplitude[row]), float(self.level[row]))
-
-
-def amplitudes_over_order(section: AngleSection, degree: int, orders: Real) -> Real:
-    """Amplitude of each order alone beside the slow part.
-
-    It is that of a plain wave in the unit of the signal; shape of `orders`.
-    """
-    return plain_amplitudes(section.signal, slow_columns(section.angle_rad, degree), section.angle_rad, orders)
 
 
 def plain_amplitudes(signal: Real, slow: Real, phase_rad: Real, multiples: Real) -> Real:

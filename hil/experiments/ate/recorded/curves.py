@@ -13,8 +13,8 @@ from hil.control.angles import ARCSEC
 from hil.design.order_map import TURNS
 from hil.design.recorded.fit import AngleSection, SectionFit
 from hil.design.recorded.order_columns import SCAN_FROM, SCAN_TO
-from hil.design.recorded.scan import BlindScan, amplitudes_over_order
-from hil.design.recorded.slow import degrees_for
+from hil.design.recorded.scan import BlindScan, plain_amplitudes
+from hil.design.recorded.slow import degrees_for, slow_columns
 from hil.recording import save_columns
 
 SCAN, MAP, FIT = "scan.csv", "map.csv", "fit.csv"
@@ -72,8 +72,8 @@ def _write_map(path: Path, sections: Sequence[AngleSection], speeds_rps: Sequenc
     rows_of: list[np.ndarray] = []
     for section, rows, speed in windows[::step]:
         angle = section.angle_rad[rows]
-        part = AngleSection(angle, section.signal[rows], section.waves)
-        amplitude = amplitudes_over_order(part, max(degrees_for(TURNS, 1.0)), orders) / scale
+        slow = slow_columns(angle, max(degrees_for(TURNS, 1.0)))
+        amplitude = plain_amplitudes(section.signal[rows], slow, angle, orders) / scale
         rows_of.append(np.column_stack([np.full(len(orders), speed), orders, amplitude]))
     table = np.vstack(rows_of) if rows_of else np.empty((0, 3))
     save_columns(path, {"speed_rps": table[:, 0], "order": table[:, 1], "amplitude": table[:, 2]})

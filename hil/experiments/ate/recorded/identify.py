@@ -16,7 +16,7 @@ from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm
 from hil.design.recorded.fit import AngleSection, SectionFit, fit_section, least_turns
 from hil.design.recorded.fixed_lines import FixedFrequency, without_lines
-from hil.design.recorded.joint import Change, JointFit, RecordedValue, joined, moves_of, values_of, widened_by
+from hil.design.recorded.joint import Change, JointFit, RecordedValue, joined, values_of, widened_by
 from hil.design.recorded.order_columns import columns_of, scanned_orders
 from hil.design.recorded.scan import FALSE_ALARM, BlindScan, Peak, order_scan
 from hil.design.recorded.stretches import MotionStretch, parts_of, speed_of, stretches
@@ -267,9 +267,9 @@ def _fit(ready: _Prepared, request: RecordedRequest) -> _Fitted:
             continue
         fits.append(fit)
         kept.append(FoundStretch(number, recorded, stretch, section))
-        moved = ready.moved(recorded, stretch)
-        if moved:
-            moves.append(moves_of(section, moved, request.orders, fit.degree))
+        if moved := ready.moved(recorded, stretch):  # the unknowns change with each prior, by its standard error
+            first, *others = (fit_section(each, request.orders, repeats=0, degree=fit.degree) for each in (section, *moved))
+            moves.append(np.column_stack([each.unknowns - first.unknowns for each in others]))
     if not fits:
         raise RecordedAteError("; ".join(problems))
     parts = []

@@ -25,7 +25,7 @@ from hil.design.uncertainty import CORNER_SIGMAS
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms, told_part
-from hil.experiments.cancellation.probing.pace import KnownSettings, at_pace, learn_at_pace
+from hil.experiments.cancellation.probing.pace import KnownSettings, learn_at_pace, paced_line
 from hil.experiments.cancellation.probing.reaction import shown_reactions
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper
 from hil.experiments.cancellation.probing.runs import Runs
@@ -104,7 +104,9 @@ def learn_on_motion(
     learning.probe_arcsec = probe_arcsec or float(np.clip(PROBE_ARCSEC_PER_MM * learning.runs[0].peak_mm, *PROBE_ARCSEC))
     led = _two_rounds(bench, known, runs, tuple(parts))
     if pace is not None:
-        others = Runs(session, at_pace(bench, learning, pace), known, keep, reporter)
+        line = paced_line(bench, pace)
+        there = replace(learning, motion=line, probed=None, runs=[], outcomes={}, applied=None, pace=pace)  # counted together
+        others = Runs(session, there, known, keep, reporter)
         led = _at_another_pace(runs, others, led, orders)
     _keep(learning, runs, led)
     return learning

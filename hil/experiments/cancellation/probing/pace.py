@@ -9,7 +9,7 @@ bring into the band is cancelled as before.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from hil.design.probing import ProbedStep, step_to_nothing
 from hil.errors import UnsafeRequestError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.motion import values_by_part
-from hil.experiments.cancellation.probing.record import MotionLearning
 from hil.experiments.cancellation.probing.runs import Runs, paced
 from hil.experiments.cancellation.waves import LEAST_REACH_S
 from hil.experiments.motions import line_motion
@@ -88,15 +87,6 @@ def paced_line(bench: Bench, pace: float) -> Motion:
             )
             raise UnsafeRequestError(f"axis {number} in {pace:g} times the line's time", speed, most, "rev/s", remedy)
     return motion
-
-
-def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearning:
-    """Record of the same line at another pace; runs are counted together.
-
-    Raises:
-        UnsafeRequestError: An axis comes too near to its limit of speed.
-    """
-    return replace(learning, motion=paced_line(bench, pace), probed=None, runs=[], outcomes={}, applied=None, pace=pace)
 
 
 def learn_at_pace(runs: Runs, known: KnownSettings, orders: Sequence[float], spread_arcsec: float) -> KnownSettings:
