@@ -12,9 +12,14 @@ from tests.docs.pages import ROOT, commands_of
 
 PAGE = ROOT / "docs" / "tuning.md"
 LIMIT_S = 900
+MOTION_ITSELF = (
+    "the tip is as quiet as with a perfect gear (0.197 mm), but the trial finds less of that in the motion itself: the untreated "
+    "order 1 of 1.3 mm hides it"
+)
 SEEDS = (
     pytest.param(50_604, marks=[pytest.mark.ci, pytest.mark.part]),
-    *(pytest.param(seed, marks=pytest.mark.slow) for seed in (50_602, 50_603)),
+    pytest.param(50_602, marks=pytest.mark.slow),
+    pytest.param(50_603, marks=[pytest.mark.slow, pytest.mark.xfail(reason=MOTION_ITSELF, strict=True)]),
 )
 """Robots that were kept back until this test: arms of 12.6, 4.5 and 4.8 Hz. 50601, the first, has an f_r of 67 Hz and a SYNC
 period of 8 ms, which step 3 refuses, with that cause."""
