@@ -6,7 +6,14 @@ import pytest
 from hil.control.cascade import Cascade
 from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
-from hil.design.plant_identification import Descents, PlantEstimate, fit_plant, over_lag, sine_of_same_friction_rad
+from hil.design.plant_identification import (
+    Descents,
+    PlantEstimate,
+    fit_plant,
+    over_lag,
+    sine_of_same_friction_rad,
+    sine_of_same_spring_rad,
+)
 from hil.design.plant_problem import LAG as LAG_AT
 from hil.design.plant_problem import PlantProblem, SamplingTiming, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
@@ -188,3 +195,18 @@ def test_a_sine_of_the_stated_torsion_meets_the_same_friction_as_the_excitation(
     fastest = 2.0 * math.pi * PLANT.antiresonance_hz * sine_of_same_friction_rad(PLANT, FREQUENCY, angle)
     sine = fastest * np.sin(np.linspace(0.0, 2.0 * math.pi, 10000, endpoint=False))
     assert float(np.sum(np.abs(sine)) / np.sum(sine**2)) == pytest.approx(of_excitation, rel=0.05)
+
+
+def test_a_sine_of_the_spring_s_torsion_meets_the_same_cubic_spring_as_the_excitation() -> None:
+    """Regression of ψ³ on ψ along the excitation, as on a gear, and along the sine.
+
+    Were all torsion at f_a, the spring's sine would be a quarter larger than friction's; f_r is twice f_a here.
+    """
+    angle, arm = synthetic(3).angle, PLANT.terms(2j * math.pi * FREQUENCY)
+    lines = angle.mean(axis=0) / PLANT.reduction_ratio * arm[1] / (arm[1] + arm[2])
+    torsion = np.real(np.exp(2j * math.pi * np.outer(np.arange(0.0, 2.0, 2e-4), FREQUENCY)) @ lines)
+    amplitude = sine_of_same_spring_rad(PLANT, FREQUENCY, angle)
+    sine = amplitude * np.sin(np.linspace(0.0, 2.0 * math.pi, 10000, endpoint=False))
+    of_excitation = float(np.sum(torsion**4) / np.sum(torsion**2))
+    assert float(np.sum(sine**4) / np.sum(sine**2)) == pytest.approx(of_excitation, rel=0.1)
+    assert amplitude < sine_of_same_friction_rad(PLANT, FREQUENCY, angle)
