@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hil.control.cascade import Cascade
+from hil.control.excitation import quiet_bias_rps
 from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
 from hil.design.plant_identification import (
@@ -157,6 +158,21 @@ def test_a_drift_is_removed_without_touching_the_signal() -> None:
     found = spectra([stretch], samples, np.array([3, 40]), SYNC)
     assert np.allclose(found.angle, found.excitation, atol=1e-9)
     assert np.allclose(found.torque[:, 1], -0.01j, atol=1e-9)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_orders_of_the_transmission_error_are_neither_signal_nor_scatter(*, whole: bool) -> None:
+    """Their waves were most of what the periods of many robots differed by, and none of what their means do."""
+    samples, planned = 500, 5
+    orders_hz = tuple(order * quiet_bias_rps(2.0, samples * SYNC, planned) for order in (1, 2, 4))
+    time = np.arange(samples * (planned if whole else 3)) * SYNC
+    signal = 0.01 * np.cos(2.0 * math.pi * 7.0 * time)
+    waves = sum(np.cos(2.0 * math.pi * each * time + each) for each in orders_hz)
+    stretch = Stretch(signal, signal + waves, signal + 2.0 * waves, signal - waves, orders_hz)
+    found = spectra([stretch], samples, np.array([7]), SYNC)
+    for rows in (found.angle, found.torque, found.tip):
+        assert rows is not None
+        assert np.allclose(rows, 0.01, atol=1e-9)
 
 
 def test_a_stretch_of_broken_periods_is_refused() -> None:
