@@ -1,6 +1,6 @@
 """Spectra of a periodic excitation and of the responses to it.
 
-Each period has its own spectrum; slow drifts by gravity are removed.
+Each period has its own spectrum; slow drifts by gravity and the orders of the transmission error are removed.
 """
 
 from collections.abc import Sequence
@@ -26,12 +26,14 @@ class Stretch:
         angle_rad: Motor angle less the bias motion; shape (n,).
         torque_nm: The torque that the drive reported; shape (n,).
         tip_m_s2: Tip acceleration; shape (n,); None without accelerometer.
+        orders_hz: Frequencies of the transmission error's orders at this speed, none on a line (`quiet_bias_rps`).
     """
 
     excitation: Real
     angle_rad: Real
     torque_nm: Real
     tip_m_s2: Real | None
+    orders_hz: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,9 @@ class Spectra:
 def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: float) -> Spectra:
     """Compute the spectra of the periods of some stretches.
 
-    A drift differs from the periodic signal in that it changes from period to period, so its removal leaves the signal whole.
+    A drift, and a wave of an order of the transmission error, differ from the periodic signal in that they change from period to
+    period, so their removal leaves the signal whole. Over all periods of a stretch the waves sum to nothing; from one to the
+    next they would look like noise of the mean.
 
     Args:
         stretches: Stretches of whole periods.
@@ -84,7 +88,9 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
                 raise ValueError(
                     f"{len(values)} rows are not a whole number of periods of {samples} rows; at least two periods are needed"
                 )
-            steady = values.reshape(-1, samples) if name == "excitation" else _without_trend(values.reshape(-1, samples))
+            steady = values.reshape(-1, samples)
+            if name != "excitation":
+                steady = _without_changes(steady, sync_s, stretch.orders_hz)
             periods.append(np.fft.rfft(steady, axis=1)[:, lines] * (2.0 / samples))
     whole = {name: None if periods is None else np.concatenate(periods) for name, periods in by_name.items()}
     frequency = lines / (samples * sync_s)
@@ -94,11 +100,12 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
     return Spectra(frequency, excitation, angle, torque, whole["tip_m_s2"])
 
 
-def _without_trend(rows: Real) -> Real:
-    """Subtract a polynomial of the time from rows of periods."""
+def _without_changes(rows: Real, sync_s: float, orders_hz: Sequence[float]) -> Real:
+    """Subtract a polynomial of the time, and waves, from rows of periods."""
     periods, samples = rows.shape
     time = np.linspace(-1.0, 1.0, periods * samples)
-    basis = np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1)
+    phase = 2.0 * np.pi * sync_s * np.outer(np.arange(periods * samples), orders_hz)
+    basis = np.hstack([np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1), np.cos(phase), np.sin(phase)])
     per_period = basis.reshape(periods, samples, -1)
     changing = (per_period - per_period.mean(axis=0)).reshape(periods * samples, -1)
     wanted = (rows - rows.mean(axis=0)).ravel()

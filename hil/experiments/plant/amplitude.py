@@ -32,17 +32,11 @@ OPEN = {
 
 A friction's torque is not linear, and the sine at which it is the same differs with the frequency. On the real gears of the drawn
 robots 10630 to 10674 an rms of z of 1 needs 0.46 for ζ, 0.39 for f_a, 0.54 to 0.59 for J_l, K_g and f_r, and 2.3 for J_m; with
-`SPRING_OPEN` beside it, 0.3 for f_a on those of 10600 to 10619 and 50880 to 51004. For D_l the rms is 1.19 with 0.3, 0.88 with
+`spring_error` beside it, 0.3 for f_a on those of 10600 to 10619 and 50880 to 51004. For D_l the rms is 1.19 with 0.3, 0.88 with
 0.5 and 3.1 without on those of 51105 to 51204.
 """
 PRIOR_SLOPE = 0.03
 """Measured: prior standard deviation of d ln K_g/d ln a of such a gear: 0.034 (rms) on the real robots 10730 to 10764."""
-SPRING_OPEN = math.log(2.0 / (4.0 / math.pi * math.sqrt(0.5 * math.pi)))
-"""Error of ln K_g over d ln K_g/d ln a, 0.23: how much larger the sine is that meets the same spring, not the same friction.
-
-To a Gaussian torsion of standard deviation σ a cubic spring is as stiff as to a sine of 2 σ, and friction as lossy as to one of
-1.6 σ.
-"""
 
 
 def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tuple[PlantEstimate, str | None]:
@@ -54,7 +48,7 @@ def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tupl
     zero torque makes it softer there; the estimate holds at the torsion of the main run.
     """
     parameters = {name: _with_error(value, error * value.value) for name, value, error in _disagreements(main, pilot)}
-    lossy, soft = loss_error(main, pilot), SPRING_OPEN * slope_error(main, pilot)
+    lossy, soft = loss_error(main, pilot), spring_error(main, pilot)
     of_spring = {
         "gear_stiffness_nm_rad": soft,
         "arm_inertia_kg_m2": soft,
@@ -105,6 +99,14 @@ def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
     lever = _apart(main.torsion_rad / max(pilot.torsion_rad, 1e-30) - 1.0)
     noise = (one.standard_error**2 + other.standard_error**2) / lever**2
     return _rms_if_any((other.value - one.value) / lever, noise, (PRIOR_LOSS * one.value) ** 2)
+
+
+def spring_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
+    """Rms error of ln K_g where the gear is a spring that is stiffer, or softer, at large torsions.
+
+    The stated torsion is that of the sine that meets the same friction; a spring is as stiff as to a sine of another amplitude.
+    """
+    return abs(math.log(main.spring_torsion_rad / main.torsion_rad)) * slope_error(main, pilot)
 
 
 def slope_error(main: PlantEstimate, pilot: PlantEstimate) -> float:

@@ -60,6 +60,7 @@ from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
+from hil.robot_tables import ORDERS
 
 PILOTS = 3
 """Bound: pilot runs, each stronger until the resonances are roughly known: 0.05 · 5² of the torque limit is more than it."""
@@ -396,14 +397,15 @@ class PlantIdentification:
             felt = None if not self._uses_tip else recording.felt_m_s2
             angle = recording.axis(axis, "position_rad") - start - planned.bias_rad
             torque, whole = recording.axis(axis, "torque_nm"), recording.columns["missing"] == 0
-            for rows in planned.stretches:
+            for rows, speed_rps in zip(planned.stretches, planned.speeds_rps, strict=True):
                 planned_periods += (rows.stop - rows.start) // samples
                 part = _longest(whole, rows, samples)
                 if part.stop - part.start < 2 * samples:
                     continue
                 used += (part.stop - part.start) // samples
                 seen = None if felt is None else felt[part]
-                stretches.append(Stretch(planned.excitation[part], angle[part], torque[part], seen))
+                orders_hz = tuple(order * abs(speed_rps) for order in ORDERS)
+                stretches.append(Stretch(planned.excitation[part], angle[part], torque[part], seen, orders_hz))
         if used < planned_periods:
             self.remarks.append(
                 f"{planned_periods - used} of {planned_periods} periods were left out: answers were missing in them"

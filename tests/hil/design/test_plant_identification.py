@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 from hil.control.cascade import Cascade
+from hil.control.excitation import quiet_bias_rps
 from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
-from hil.design.plant_identification import Descents, PlantEstimate, fit_plant, over_lag, sine_of_same_friction_rad
+from hil.design.plant_identification import (
+    Descents,
+    PlantEstimate,
+    fit_plant,
+    over_lag,
+    sine_of_same_friction_rad,
+    sine_of_same_spring_rad,
+)
 from hil.design.plant_problem import LAG as LAG_AT
 from hil.design.plant_problem import PlantProblem, SamplingTiming, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
@@ -152,6 +160,21 @@ def test_a_drift_is_removed_without_touching_the_signal() -> None:
     assert np.allclose(found.torque[:, 1], -0.01j, atol=1e-9)
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_orders_of_the_transmission_error_are_neither_signal_nor_scatter(*, whole: bool) -> None:
+    """Their waves were most of what the periods of many robots differed by, and none of what their means do."""
+    samples, planned = 500, 5
+    orders_hz = tuple(order * quiet_bias_rps(2.0, samples * SYNC, planned) for order in (1, 2, 4))
+    time = np.arange(samples * (planned if whole else 3)) * SYNC
+    signal = 0.01 * np.cos(2.0 * math.pi * 7.0 * time)
+    waves = sum(np.cos(2.0 * math.pi * each * time + each) for each in orders_hz)
+    stretch = Stretch(signal, signal + waves, signal + 2.0 * waves, signal - waves, orders_hz)
+    found = spectra([stretch], samples, np.array([7]), SYNC)
+    for rows in (found.angle, found.torque, found.tip):
+        assert rows is not None
+        assert np.allclose(rows, 0.01, atol=1e-9)
+
+
 def test_a_stretch_of_broken_periods_is_refused() -> None:
     rows = np.zeros(750)
     with pytest.raises(ValueError, match="not a whole number of periods"):
@@ -188,3 +211,18 @@ def test_a_sine_of_the_stated_torsion_meets_the_same_friction_as_the_excitation(
     fastest = 2.0 * math.pi * PLANT.antiresonance_hz * sine_of_same_friction_rad(PLANT, FREQUENCY, angle)
     sine = fastest * np.sin(np.linspace(0.0, 2.0 * math.pi, 10000, endpoint=False))
     assert float(np.sum(np.abs(sine)) / np.sum(sine**2)) == pytest.approx(of_excitation, rel=0.05)
+
+
+def test_a_sine_of_the_spring_s_torsion_meets_the_same_cubic_spring_as_the_excitation() -> None:
+    """Regression of ψ³ on ψ along the excitation, as on a gear, and along the sine.
+
+    Were all torsion at f_a, the spring's sine would be a quarter larger than friction's; f_r is twice f_a here.
+    """
+    angle, arm = synthetic(3).angle, PLANT.terms(2j * math.pi * FREQUENCY)
+    lines = angle.mean(axis=0) / PLANT.reduction_ratio * arm[1] / (arm[1] + arm[2])
+    torsion = np.real(np.exp(2j * math.pi * np.outer(np.arange(0.0, 2.0, 2e-4), FREQUENCY)) @ lines)
+    amplitude = sine_of_same_spring_rad(PLANT, FREQUENCY, angle)
+    sine = amplitude * np.sin(np.linspace(0.0, 2.0 * math.pi, 10000, endpoint=False))
+    of_excitation = float(np.sum(torsion**4) / np.sum(torsion**2))
+    assert float(np.sum(sine**4) / np.sum(sine**2)) == pytest.approx(of_excitation, rel=0.1)
+    assert amplitude < sine_of_same_friction_rad(PLANT, FREQUENCY, angle)

@@ -157,7 +157,7 @@ def test_a_motor_that_turns_back_is_said_with_the_amplitude_that_would_do() -> N
 @pytest.mark.ci
 def test_too_little_excitation_is_said_with_the_amplitude_that_the_limits_allow() -> None:
     with pytest.raises(PlantNotIdentifiedError, match=r"the limits allow .* N·m: leave out --amplitude-nm"):
-        identify(brief(amplitude_nm=0.002, with_accelerometer=False))
+        identify(brief(amplitude_nm=0.0005, with_accelerometer=False))
 
 
 def test_a_band_without_the_resonance_is_said() -> None:

@@ -49,7 +49,7 @@ def pilot(lever_ratio: EstimatedParameter | None) -> PlantEstimate:
     parameters = {"torque_lag_s": EstimatedParameter(0.0, 0.0)} | ({} if lever_ratio is None else {"lever_ratio": lever_ratio})
     values = Estimate.independent({name: (each.value, each.standard_error) for name, each in parameters.items()})
     response: Any = None
-    return PlantEstimate(plant, parameters, values, response, None, 1.0, 10, 0.0, nothing)
+    return PlantEstimate(plant, parameters, values, response, None, 1.0, 10, 0.0, 0.0, nothing)
 
 
 def test_a_lever_that_the_tips_noise_does_not_tell_limits_no_amplitude() -> None:
