@@ -123,13 +123,28 @@ class GearLaw:
             raise ValueError(
                 f"base and speed have shapes {base_rad.shape} and {speed_rad_s.shape}; both must be (2 n + 1,), with half steps"
             )
-        steps = len(base_rad) // 2
-        law, acceleration = self.record(wound, ahead_rad), np.empty(steps + 1)
-        base, speed = (np.ascontiguousarray(each, dtype=np.float64) for each in (base_rad, speed_rad_s))
-        CORE.call.gear_follow(
-            CORE.pointer(law, "gear_law"), CORE.pointer(base), CORE.pointer(speed), steps, step_s, CORE.pointer(acceleration)
-        )
-        return acceleration
+        return follow_alike(self.record(wound, ahead_rad), base_rad[np.newaxis], speed_rad_s[np.newaxis], step_s)[0]
+
+
+def follow_alike(records: NDArray[np.void], bases_rad: Real, speeds_rad_s: Real, step_s: float) -> Real:
+    """Accelerations of several arms, as each has it alone; see `GearLaw.follow`.
+
+    Args:
+        records: A `struct gear_law` of each; shape (arms,).
+        bases_rad: Motion of each, or the one motion of all; shape (arms, 2 n + 1) or (1, 2 n + 1).
+        speeds_rad_s: Its rate of change, of the same shape.
+
+    Returns:
+        θ̈_l in rad/s² at every step; shape (arms, n + 1).
+    """
+    motions, numbers = bases_rad.shape
+    accelerations = np.empty((len(records), numbers // 2 + 1))
+    base, speed = (np.ascontiguousarray(each, dtype=np.float64) for each in (bases_rad, speeds_rad_s))
+    CORE.call.gear_follow(
+        CORE.pointer(records, "gear_law"), len(records), CORE.pointer(base), CORE.pointer(speed), numbers if motions > 1 else 0,
+        numbers // 2, step_s, CORE.pointer(accelerations),
+    )  # fmt: skip
+    return accelerations
 
 
 def _between(period_s: float, values: Real) -> scipy.interpolate.BSpline:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from hil.control.arrays import Complex, Real
-from hil.design.ate.gear import BaseMotion, GearLaw
+from hil.design.ate.gear import BaseMotion, GearLaw, follow_alike
 from hil.design.ate.model import BAND, Arm, Sweep, resolution_rad
 from hil.design.ate.rest import variance_at_rest
 from hil.design.ate.ripple import Ripple
@@ -115,8 +115,10 @@ def thinned(sweep: Sweep, every: int) -> Sweep:
 
 def _decimated(spectrum: Complex, count: int, every: int) -> Real:
     """Decimate a real signal that is given by its spectrum, without a filter; shape (count,)."""
-    whole = np.concatenate([spectrum, spectrum[1 : (count * every + 1) // 2][::-1].conj()])
-    return np.asarray(scipy.fft.irfft(whole.reshape(every, count).sum(axis=0)[: count // 2 + 1], count)) / every
+    if every > 1:
+        whole = np.concatenate([spectrum, spectrum[1 : (count * every + 1) // 2][::-1].conj()])
+        spectrum = whole.reshape(every, count)[:, : count // 2 + 1].sum(axis=0)
+    return np.asarray(scipy.fft.irfft(spectrum, count)) / every
 
 
 class Ramp:
@@ -182,9 +184,20 @@ class Ramp:
 
     def moved(self, p: Real, law: GearLaw) -> Complex:
         """Spectrum of the simulated acceleration at the integration's steps."""
-        base, speed = self._motion.with_error(p[self._setting.waves])
-        acceleration = law.follow(base, speed, self._motion.step_s, *self._began(p))
-        return np.asarray(scipy.fft.rfft(acceleration, self._length * self._motion.per_sample))
+        return np.asarray(self.moved_alike(p[np.newaxis], [law])[0])
+
+    def moved_alike(self, unknowns: Real, laws: Sequence[GearLaw]) -> Complex:
+        """Spectra of several arms, a row each, as each has it alone.
+
+        Args:
+            unknowns: A vector of each; shape (arms, unknowns).
+        """
+        waves = unknowns[:, self._setting.waves]
+        motions = [self._motion.with_error(each) for each in (waves if np.any(waves != waves[0]) else waves[:1])]
+        bases, speeds = (np.stack(each) for each in zip(*motions, strict=True))
+        records = np.concatenate([law.record(*self._began(p)) for p, law in zip(unknowns, laws, strict=True)])
+        accelerations = follow_alike(records, bases, speeds, self._motion.step_s)
+        return np.asarray(scipy.fft.rfft(accelerations, self._length * self._motion.per_sample))
 
     def largest(self, moved: Complex) -> float:
         """Largest acceleration in the band, in rad/s², of a simulated spectrum."""
