@@ -123,7 +123,7 @@ class GearLaw:
             raise ValueError(
                 f"base and speed have shapes {base_rad.shape} and {speed_rad_s.shape}; both must be (2 n + 1,), with half steps"
             )
-        return follow_alike(self.record(wound, ahead_rad), base_rad[np.newaxis], speed_rad_s[np.newaxis], step_s)[0]
+        return np.asarray(follow_alike(self.record(wound, ahead_rad), base_rad[np.newaxis], speed_rad_s[np.newaxis], step_s)[0])
 
 
 def follow_alike(records: NDArray[np.void], bases_rad: Real, speeds_rad_s: Real, step_s: float) -> Real:

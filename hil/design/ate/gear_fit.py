@@ -340,10 +340,10 @@ class GearFit:
             after |= zip(waves, ramp.moved_alike(steps[waves], [law] * len(waves)), strict=True)
             after |= dict.fromkeys(factors - nothing, spectrum)
             before = ramp.shown(spectrum, p)
+            columns = list(after)
             slopes = [np.zeros((len(p), len(at)), at.dtype) for at in before]
-            for column, each in after.items():
-                for rows, there, at in zip(slopes, ramp.shown(each, steps[column]), before, strict=True):
-                    rows[column] = (there - at) / self._size[column]
+            for rows, there, at in zip(slopes, ramp.shown_alike(list(after.values()), steps[columns]), before, strict=True):
+                rows[columns] = (there - at) / self._size[columns, np.newaxis]
             found.append(slopes)
         return found
 
