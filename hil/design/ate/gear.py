@@ -123,25 +123,25 @@ class GearLaw:
             raise ValueError(
                 f"base and speed have shapes {base_rad.shape} and {speed_rad_s.shape}; both must be (2 n + 1,), with half steps"
             )
-        return np.asarray(follow_alike(self.record(wound, ahead_rad), base_rad[np.newaxis], speed_rad_s[np.newaxis], step_s)[0])
+        motions = np.stack([base_rad, speed_rad_s])[np.newaxis]
+        return np.asarray(follow_alike(self.record(wound, ahead_rad), motions, step_s)[0])
 
 
-def follow_alike(records: NDArray[np.void], bases_rad: Real, speeds_rad_s: Real, step_s: float) -> Real:
+def follow_alike(records: NDArray[np.void], motions: Real, step_s: float) -> Real:
     """Accelerations of several arms, as each has it alone; see `GearLaw.follow`.
 
     Args:
         records: A `struct gear_law` of each; shape (arms,).
-        bases_rad: Motion of each, or the one motion of all; shape (arms, 2 n + 1) or (1, 2 n + 1).
-        speeds_rad_s: Its rate of change, of the same shape.
+        motions: The base of each and its rate, or those of all; shape (arms, 2, 2 n + 1) or (1, 2, 2 n + 1).
 
     Returns:
         θ̈_l in rad/s² at every step; shape (arms, n + 1).
     """
-    motions, numbers = bases_rad.shape
+    numbers = motions.shape[2]
     accelerations = np.empty((len(records), numbers // 2 + 1))
-    base, speed = (np.ascontiguousarray(each, dtype=np.float64) for each in (bases_rad, speeds_rad_s))
+    base = CORE.pointer(motions)
     CORE.call.gear_follow(
-        CORE.pointer(records, "gear_law"), len(records), CORE.pointer(base), CORE.pointer(speed), numbers if motions > 1 else 0,
+        CORE.pointer(records, "gear_law"), len(records), base, base + numbers, 2 * numbers if len(motions) > 1 else 0,
         numbers // 2, step_s, CORE.pointer(accelerations),
     )  # fmt: skip
     return accelerations
@@ -211,7 +211,6 @@ class BaseMotion:
         halves = 0.5 * self.step_s * np.arange(self.rigid.shape[1])
         return spline(halves), spline(halves, 1)
 
-    def with_error(self, unknowns: Real) -> tuple[Real, Real]:
-        """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; both of shape (2 n + 1,)."""
-        base, speed = self.rigid + unknowns @ self.waves
-        return base, speed
+    def with_error(self, unknowns: Real) -> Real:
+        """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; shape (2, 2 n + 1)."""
+        return np.asarray(self.rigid + unknowns @ self.waves)

@@ -112,12 +112,17 @@ def thinned(sweep: Sweep, every: int) -> Sweep:
     return Sweep(angle, signal, every * sweep.period_s, sweep.direction[::every])
 
 
-def _decimated(spectra: Complex, count: int, every: int) -> Real:
-    """Decimate real signals that are given by their spectra, without a filter; shape (signals, count)."""
-    if every > 1:
-        whole = np.concatenate([spectra, spectra[:, 1 : (count * every + 1) // 2][:, ::-1].conj()], axis=1)
-        spectra = whole.reshape(-1, every, count)[:, :, : count // 2 + 1].sum(axis=1)
-    return np.asarray(scipy.fft.irfft(spectra, count)) / every
+def _folded(spectrum: Complex, count: int, every: int) -> Complex:
+    """Spectrum of every n-th sample of a real signal, of which one without a filter shows all; shape (count // 2 + 1,)."""
+    if every == 1:
+        return spectrum
+    folded, last = spectrum[: count // 2 + 1].copy(), count * every // 2
+    for begin in range(count, count * every, count):
+        direct = spectrum[begin : min(begin + len(folded), last + 1)]
+        folded[: len(direct)] += direct
+        mirrored = count * every - begin - len(direct)
+        folded[len(direct) :] += spectrum[mirrored - len(folded) + len(direct) + 1 : mirrored + 1][::-1].conj()
+    return folded
 
 
 def _gain(hz: Real, resonance: float, bend: float, droop: float) -> Real:
@@ -218,10 +223,9 @@ class Ramp:
             unknowns: A vector of each; shape (arms, unknowns).
         """
         waves = unknowns[:, self._setting.waves]
-        motions = [self._motion.with_error(each) for each in (waves if np.any(waves != waves[0]) else waves[:1])]
-        bases, speeds = (np.stack(each) for each in zip(*motions, strict=True))
+        motions = np.stack([self._motion.with_error(each) for each in (waves if np.any(waves != waves[0]) else waves[:1])])
         records = np.concatenate([law.record(*self._began(p)) for p, law in zip(unknowns, laws, strict=True)])
-        accelerations = follow_alike(records, bases, speeds, self._motion.step_s)
+        accelerations = follow_alike(records, motions, self._motion.step_s)
         return np.asarray(scipy.fft.rfft(accelerations, self._length * self._motion.per_sample))
 
     def largest(self, moved: Complex) -> float:
@@ -239,8 +243,9 @@ class Ramp:
         Args:
             unknowns: A vector for each; shape (spectra, unknowns).
         """
-        late = np.stack([self._late(*each) for each in zip(moved, unknowns, strict=True)])
-        return self._spectra(_decimated(late, self._length, self._motion.per_sample)[:, : self._count])
+        every = self._motion.per_sample
+        late = np.stack([_folded(self._late(*each), self._length, every) for each in zip(moved, unknowns, strict=True)])
+        return self._spectra(scipy.fft.irfft(late, self._length)[:, : self._count] / every)
 
     def _late(self, moved: Complex, p: Real) -> Complex:
         """Spectrum behind the sensor, at the integration's steps."""
@@ -254,8 +259,8 @@ class Ramp:
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
         """Power that one draw of the rounding adds, simulated; per sample."""
-        base, speed = self._motion.with_error(p[self._setting.waves])
-        added = law.follow(base + self._shaken[0], speed + self._shaken[1], self._motion.step_s, *self._began(p))
+        base, speed = self._motion.with_error(p[self._setting.waves]) + self._shaken
+        added = law.follow(base, speed, self._motion.step_s, *self._began(p))
         spectrum = np.asarray(scipy.fft.rfft(added, self._length * self._motion.per_sample)) - moved
         return [np.abs(each) ** 2 / n for each, n in zip(self.shown(spectrum, p), self.counts, strict=True)]
 
