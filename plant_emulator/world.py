@@ -377,7 +377,11 @@ class World:
         """Next instant at which a node acts by itself."""
         wakes_at = self._wakes_at
         if wakes_at == _UNKNOWN:
-            wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
+            wakes_at = _NEVER
+            for slave in self._slaves:
+                due = slave.due
+                if due is not None and due < wakes_at:
+                    wakes_at = due
             self._wakes_at = wakes_at
         if wakes_at == _NEVER:
             return None

@@ -21,6 +21,7 @@ typedef int64_t integer;
 #define COS IN_REAL(cos)
 #define SIN IN_REAL(sin)
 #define EXP IN_REAL(exp)
+#define LOG IN_REAL(log)
 #define SQRT IN_REAL(sqrt)
 #define ATAN2 IN_REAL(atan2)
 #define FABS IN_REAL(fabs)

@@ -40,6 +40,7 @@ class Library:
         self.constants: dict[str, float] = declared.CONSTANTS
         self._ffi: Any = declared.ffi
         self.NULL: Any = self._ffi.NULL
+        self._arrays: dict[str, tuple[np.dtype[Any], Any]] = {}
         self.call: Any = self._ffi.dlopen(str(core.library))
         if self._ffi.string(self.call.core_sources()).decode() != declared.SOURCES:
             raise ImportError(f"{core.library} and {core.declarations} were built from different sources; install again")
@@ -95,14 +96,20 @@ class Library:
         Raises:
             ValueError: The array has other elements, or is not contiguous, or read-only.
         """
-        wanted = _NUMBERS[name] if name in _NUMBERS else self.dtype(name)
-        if array.dtype != wanted:
-            raise ValueError(f"array of {array.dtype} where {name} is expected")
-        if isinstance(array, np.void):  # a record of an array; its buffer says that it is read-only, which it is not
-            return self._ffi.from_buffer(f"struct {name}[]", array)
-        if not (array.flags.c_contiguous and array.flags.writeable):
+        wanted, kind = self._arrays.get(name) or self._array_of(name)
+        dtype = array.dtype
+        if dtype is not wanted and dtype != wanted:
+            raise ValueError(f"array of {dtype} where {name} is expected")
+        # a record of an array says that it is read-only, which it is not
+        if not array.flags.carray and not isinstance(array, np.void):
             raise ValueError(f"array of shape {array.shape} is read-only or not contiguous; give a contiguous copy of it")
-        return self._ffi.from_buffer(f"{name}[]" if name in _NUMBERS else f"struct {name}[]", array)
+        return self._ffi.from_buffer(kind, array)
+
+    def _array_of(self, name: str) -> tuple[np.dtype[Any], Any]:
+        """Memory layout of a number or struct, and the type of its C arrays, which are kept."""
+        is_number = name in _NUMBERS
+        kind = self._ffi.typeof(f"{name}[]" if is_number else f"struct {name}[]")
+        return self._arrays.setdefault(name, (_NUMBERS[name] if is_number else self.dtype(name), kind))
 
     def address(self, pointer: Any) -> int:
         """Address of a function or a record, for another core's `borrowed`."""

@@ -31,11 +31,13 @@ struct gear_law {
     real ahead_speed;     /* theta_l' at the beginning in rad/s, likewise */
 };
 
-/* The arm's acceleration along a motion of its base, from rest under gravity or ringing.
+/* The accelerations of count arms along motions of their base, from rest under gravity or ringing.
  *
- * base and speed hold b in rad and b' in rad/s at every half step, 2 steps + 1 of each; acceleration becomes theta_l'' in rad/s^2
- * at every whole step, steps + 1 numbers. Runge-Kutta steps of order 4 for theta_l, the closed form for z. */
+ * base and speed hold b in rad and b' in rad/s at every half step, 2 steps + 1 of each; those of the next arm begin apart numbers
+ * later, with 0 all have the same. acceleration becomes theta_l'' in rad/s^2 of each arm at every whole step, steps + 1 numbers.
+ * Runge-Kutta steps of order 4 for theta_l, the closed form for z. */
 void gear_follow(
-    const struct gear_law *law, const real *base, const real *speed, integer steps, real step_s, real *acceleration);
+    const struct gear_law *laws, integer count, const real *base, const real *speed, integer apart, integer steps, real step_s,
+    real *acceleration);
 
 #endif

@@ -23,6 +23,7 @@ from hil.master.lateness import CycleSchedule
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock
 from hil.master.sensor import TIP_ELSEWHERE, TipAccelerometer
+from hil.recording import LoggedCycles
 from hil.sensor.framing import Vector
 
 POSITION_COMMAND: int = CORE.call.POSITION_COMMAND
@@ -38,8 +39,6 @@ TIP_ACCELERATION: int = CORE.call.TIP_ACCELERATION
 """Contents of an answer."""
 
 MAX_LATE_FRAMES = 1024
-LOGGED_CYCLES = 256
-"""Most cycles that pass before their frames are in the log."""
 _RECORD: int = CORE.call.RECORD_BYTES
 _DATA: int = CORE.call.DATA_AT
 _NOT_SENT: int = CORE.call.NOT_SENT
@@ -272,7 +271,8 @@ class CyclicExchange:
         self._message_data = CORE.pointer(np.frombuffer(self._message, np.uint8), "uint8_t")
         self.data.command, self.data.command_bytes = self._message_data, len(self._message)
         is_logged = self.network is not None and self.network.log.is_on
-        self._logged = bytearray(is_logged * LOGGED_CYCLES * (len(self._message) + len(answers) * _RECORD))
+        self._cycle_bytes = len(self._message) + len(answers) * _RECORD
+        self._logged = memoryview(bytearray(is_logged * CORE.call.LOGGED_CYCLES * self._cycle_bytes))
         self.stretch.log = CORE.pointer(np.frombuffer(self._logged, np.uint8), "uint8_t") if is_logged else CORE.NULL
         places = range(_DATA, len(self._message), _RECORD)
         self._contents = [(can_id, slice(at, at + len(data))) for (can_id, data), at in zip(heads, places, strict=False)]
@@ -310,15 +310,14 @@ class CyclicExchange:
         """
         network, messages, stretch = self.network, self.network.messages, self.stretch
         if messages is not None and messages.takes_messages and self._fits_message and not self._may_be_behind:
-            if self._logged:
-                stretch.count = min(stretch.count, LOGGED_CYCLES)
             stretch.now_s = network.lock_step_s
             messages.open_line()
             found: int = _run_cycles(self.data, self.run, stretch)
             messages.close_line()
-            if self._logged and stretch.done:
-                size = len(self._logged) // LOGGED_CYCLES
-                network.log_cycles(bytes(self._logged[: stretch.done * size]), len(self._message), size)
+            if self._logged and (done := stretch.done):
+                size, began_s = self._cycle_bytes, network.lock_step_s
+                records = self._logged[: done * size].tobytes()
+                network.log.add(LoggedCycles(began_s, network.period_s, records, len(self._message), size))
             network.lock_step_s = stretch.now_s
             return self._go_on(found, messages) if found < 0 else found
         stretch.done = 0

@@ -14,7 +14,7 @@ from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError, SharedNodeError
 from hil.master.realtime import Clock
-from hil.recording import BusLog, LoggedCycles, LoggedFrame, LoggedMessage
+from hil.recording import BusLog, LoggedFrame, LoggedMessage
 
 SYNC = Frame(FunctionCode.SYNC, b"")
 MAX_EVENTS = 256
@@ -133,10 +133,6 @@ class Network:
         """Log the records of one message of a cycle."""
         if self.log.is_on:
             self.log.add(LoggedMessage(self.lock_step_s, bytes(message), is_received))
-
-    def log_cycles(self, records: bytes, sent_bytes: int, cycle_bytes: int) -> None:
-        """Log the records of cycles that begin now."""
-        self.log.add(LoggedCycles(self.lock_step_s, self.period_s, records, sent_bytes, cycle_bytes))
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
         """Receive the next frame and those in one message with it."""

@@ -194,8 +194,10 @@ static void log_cycle(const struct exchange *e, const struct stretch *stretch)
     memcpy(place + e->command_bytes, e->message, (size_t)e->message_bytes);
 }
 
-integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch)
+/* Run the next cycles, as run_cycles does, which spends the stretch. */
+static integer run_some(struct exchange *e, struct run *run, struct stretch *stretch)
 {
+    const integer count = stretch->log && stretch->count > LOGGED_CYCLES ? LOGGED_CYCLES : stretch->count;
     integer found;
     stretch->done = 0;
     do {
@@ -212,6 +214,17 @@ integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch)
         }
         stretch->now_s += stretch->period_s;
         stretch->done++;
-    } while (found == IN_ORDER && stretch->done < stretch->count && stretch->now_s < stretch->until_s);
+    } while (found == IN_ORDER && stretch->done < count && stretch->now_s < stretch->until_s);
+    return found;
+}
+
+integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch)
+{
+    const integer found = run_some(e, run, stretch);
+    if (found >= 0) {
+        stretch->reference = 0;
+        stretch->count = 1;
+        stretch->row = NOT_ENDED;
+    }
     return found;
 }

@@ -67,6 +67,9 @@ enum { NOT_ENDED = -2 };
  * Returns NOT_TAKEN if the message is another, or the tip is measured elsewhere; else TAKEN, or what end_cycle returns. */
 integer take_cycle(struct exchange *e, struct run *run, integer row, const uint8_t *message, integer size);
 
+/* Most cycles of a stretch that is logged. */
+enum { LOGGED_CYCLES = 256 };
+
 /* Cycles to come, and how far they have come. */
 struct stretch {
     integer count;         /* of cycles */
@@ -78,7 +81,7 @@ struct stretch {
     real period_s;         /* that a cycle is worth */
     real until_s;          /* no second cycle begins from then on */
     integer done;          /* cycles that have ended */
-    uint8_t *log;          /* room for the records of these: of each, what was sent and what has come; null without a log */
+    uint8_t *log;          /* room for the records of LOGGED_CYCLES: of each, what was sent and what has come; null without a log */
 };
 
 /* Set the targets of the next cycle of a stretch. The host's loops, where it closes them, set them at the end of the last cycle.
@@ -89,5 +92,6 @@ integer begin_cycle(struct run *run, const struct stretch *stretch);
 /* Run the next cycles, each in one message each way, as far as that goes: see begin_cycle, exchange_message and take_cycle.
  *
  * Returns IN_ORDER after a last cycle in order; what begin_cycle refuses, or end_cycle has found, after which no cycle
- * follows; or a number below 0: how far the cycle behind those that are done has come. */
+ * follows; or a number below 0: how far the cycle behind those that are done has come. Unless it is below 0, the stretch is one cycle
+ * then, which is not ended. */
 integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch);

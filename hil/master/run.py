@@ -227,7 +227,8 @@ class Run:
                 slot.control_word = self._word_towards(goal, state)
                 if state is not State.OPERATION_ENABLED:
                     slot.target = slot.position_counts if self.bank is None else 0
-            self._cycle()
+            if self.supervisor.cycle(self.exchange) is None:
+                self._check_master()
             CORE.call.accept_positions(self.data, self.exchange.was_dropped)
             self._take_over()
             fault = self.supervisor.fault()
@@ -313,33 +314,37 @@ class Run:
             IndexError: The motion does not have these rows.
         """
         rows = np.ascontiguousarray(references, np.float64)
-        count, at = len(rows), 0
-        if rows.shape != (count, len(self.axes)):
-            raise ValueError(f"set-points of shape {rows.shape}; expected a row of {len(self.axes)} for each cycle")
+        count, axes = len(rows), len(self.axes)
+        if rows.shape != (count, axes):
+            raise ValueError(f"set-points of shape {rows.shape}; expected a row of {axes} for each cycle")
         if row is not None and not 0 <= row <= self.table.room - count:
             raise IndexError(f"rows {row} to {row + count - 1} of a motion of {self.table.room} rows")
         angles = CORE.pointer(rows) if count else CORE.NULL
+        at = 0
         while at < count:
             place = None if row is None else row + at
             if self._stepped is not None:
                 self._add(self._stepped, rows[at].tolist(), place)
-            at += self._go(angles + at * len(self.axes), count - at, place)
+            at += self._go(angles + at * axes if at else angles, count - at, place)
 
     def _go(self, angles: Any, count: int, row: int | None) -> int:
         """Run at least one of some cycles; return their number."""
-        stretch, offsets = self.exchange.stretch, self._motion_offsets
+        stretch = self.exchange.stretch
         stretch.reference, stretch.count = angles, count if self._stepped is None else 1
-        stretch.torque_offset_nm = CORE.NULL if offsets is None or row is None else offsets + row * len(self.axes)
+        if self._motion_offsets is not None:
+            stretch.torque_offset_nm = CORE.NULL if row is None else self._motion_offsets + row * len(self.axes)
         stretch.row = place = -1 if row is None else row
         stretch.done = 0
         try:
-            found = self._cycle()
+            found = self.supervisor.cycle(self.exchange)
         finally:
-            done = int(stretch.done)
-            stretch.reference, stretch.count, stretch.row = CORE.NULL, 1, _NOT_ENDED
+            done: int = stretch.done
+            if stretch.row != _NOT_ENDED:
+                stretch.reference, stretch.count, stretch.row = CORE.NULL, 1, _NOT_ENDED
             if row is not None:
                 self.table.rows = row + done
         if found is None:
+            self._check_master()
             found = _end_cycle(self.data, place if row is None else place + done - 1, self.exchange.was_dropped)
         if found:
             raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(self._words(found)))
@@ -382,17 +387,11 @@ class Run:
         load_rad = tuple(each.angle_rad for each in exchange.encoders) if has_turned else None
         self._listener.sense(Sensed(exchange.tip_m_s2 if has_measured else None, row, load_rad))
 
-    def _cycle(self) -> int | None:
-        """Run the exchange's next cycles, and return what it does.
-
-        Stop after too many late cycles in a row.
-        """
-        found = self.supervisor.cycle(self.exchange)
-        if found is None:
-            reason = self._own_fault()
-            if reason is not None:
-                raise RunStopError(reason)
-        return found
+    def _check_master(self) -> None:
+        """Stop after too many late cycles in a row."""
+        reason = self._own_fault()
+        if reason is not None:
+            raise RunStopError(reason)
 
     def _own_fault(self) -> str | None:
         """Return the reason to stop that lies in the master."""

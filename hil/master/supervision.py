@@ -51,7 +51,8 @@ class Supervisor:
         """
         if self.network.now() >= self._heartbeat_due_s and not self.is_silent:
             exchange.saw(self.send_heartbeat())
-        exchange.stretch.until_s = self._silent_until_s if self.is_silent else min(self._heartbeat_due_s, self._silent_until_s)
+        due_s, silent_s = self._heartbeat_due_s, self._silent_until_s
+        exchange.stretch.until_s = silent_s if self.is_silent or silent_s < due_s else due_s
         return exchange.exchange()
 
     def fault(self) -> str | None:

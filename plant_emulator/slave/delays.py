@@ -58,11 +58,11 @@ class DelayedSlave(Slave):
     @property
     def due(self) -> int | None:
         """Next instant at which `advance` must be called."""
-        times = [queue.frames[0][0] for queue in (self._tpdos, self._answers) if queue.frames]
-        own = super().due
-        if own is not None:
-            times.append(own)
-        return min(times, default=None)
+        first = super().due
+        for frames in (self._tpdos.frames, self._answers.frames):
+            if frames and (first is None or frames[0][0] < first):
+                first = frames[0][0]
+        return first
 
     @property
     def plain_pdos(self) -> tuple[list[Rpdo], list[Tpdo]] | None:
@@ -111,17 +111,14 @@ class DelayedSlave(Slave):
 
     def _sort(self, frames: list[Frame], now: int, released: list[Frame]) -> None:
         """Hold the frames that have to wait, and release the others."""
-        present = frozenset(server.response_id for server in self._sdo.servers.values())
+        present = frozenset([server.response_id for server in self._sdo.servers.values()])
         answers, self._answer_ids = self._answer_ids | present, present  # the answer that closes its channel is one, too
-        at_once = {
-            FunctionCode.HEARTBEAT + self.node_id,
-            self.dictionary.get_int(EMERGENCY_COB_ID) & CAN_SFF_MASK,
-            LSS_RESPONSE,
-        }
+        at_once = FunctionCode.HEARTBEAT + self.node_id, LSS_RESPONSE, self.dictionary.get_int(EMERGENCY_COB_ID) & CAN_SFF_MASK
         for frame in frames:
-            if frame.can_id in at_once:
+            can_id = frame.can_id
+            if can_id in at_once:
                 released.append(frame)
-            elif frame.can_id in answers:
+            elif can_id in answers:
                 self._answers.put(frame, now, self._dice)
             else:
                 self._tpdos.put(frame, now, self._dice)

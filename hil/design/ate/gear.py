@@ -123,13 +123,28 @@ class GearLaw:
             raise ValueError(
                 f"base and speed have shapes {base_rad.shape} and {speed_rad_s.shape}; both must be (2 n + 1,), with half steps"
             )
-        steps = len(base_rad) // 2
-        law, acceleration = self.record(wound, ahead_rad), np.empty(steps + 1)
-        base, speed = (np.ascontiguousarray(each, dtype=np.float64) for each in (base_rad, speed_rad_s))
-        CORE.call.gear_follow(
-            CORE.pointer(law, "gear_law"), CORE.pointer(base), CORE.pointer(speed), steps, step_s, CORE.pointer(acceleration)
-        )
-        return acceleration
+        motions = np.stack([base_rad, speed_rad_s])[np.newaxis]
+        return np.asarray(follow_alike(self.record(wound, ahead_rad), motions, step_s)[0])
+
+
+def follow_alike(records: NDArray[np.void], motions: Real, step_s: float) -> Real:
+    """Accelerations of several arms, as each has it alone; see `GearLaw.follow`.
+
+    Args:
+        records: A `struct gear_law` of each; shape (arms,).
+        motions: The base of each and its rate, or those of all; shape (arms, 2, 2 n + 1) or (1, 2, 2 n + 1).
+
+    Returns:
+        θ̈_l in rad/s² at every step; shape (arms, n + 1).
+    """
+    numbers = motions.shape[2]
+    accelerations = np.empty((len(records), numbers // 2 + 1))
+    base = CORE.pointer(motions)
+    CORE.call.gear_follow(
+        CORE.pointer(records, "gear_law"), len(records), base, base + numbers, 2 * numbers if len(motions) > 1 else 0,
+        numbers // 2, step_s, CORE.pointer(accelerations),
+    )  # fmt: skip
+    return accelerations
 
 
 def _between(period_s: float, values: Real) -> scipy.interpolate.BSpline:
@@ -196,7 +211,6 @@ class BaseMotion:
         halves = 0.5 * self.step_s * np.arange(self.rigid.shape[1])
         return spline(halves), spline(halves, 1)
 
-    def with_error(self, unknowns: Real) -> tuple[Real, Real]:
-        """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; both of shape (2 n + 1,)."""
-        base, speed = self.rigid + unknowns @ self.waves
-        return base, speed
+    def with_error(self, unknowns: Real) -> Real:
+        """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; shape (2, 2 n + 1)."""
+        return np.asarray(self.rigid + unknowns @ self.waves)

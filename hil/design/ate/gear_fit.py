@@ -325,25 +325,27 @@ class GearFit:
 
     def _slopes(self, p: Real, moved: list[Complex]) -> list[list[Complex]]:
         """Slopes of what the sensor shows by every unknown: a row each, per ramp and part."""
-        base = [ramp.shown(spectrum, p) for ramp, spectrum in zip(self._ramps, moved, strict=True)]
-        rows: list[list[list[Complex]]] = [[[] for _ in ramp.counts] for ramp in self._ramps]
-        for column in range(len(p)):
-            step = p.copy()
-            step[column] += self._size[column]
-            law = self._setting.law(step)
-            name = SHARED[column] if column < len(SHARED) else ""
-            is_simulated = name not in FACTORS
-            is_nothing = (name in OF_IMAGES and not self._setting.ripple.waves) or (name in LINEAR and self._is_linear)
-            for i, ramp in enumerate(self._ramps):
-                is_anothers = column >= self._ramps[0].own.start and not ramp.own.start <= column < ramp.own.stop
-                if is_nothing or is_anothers:
-                    for row, at in zip(rows[i], base[i], strict=True):
-                        row.append(np.zeros_like(at))
-                    continue
-                spectrum = ramp.moved(step, law) if is_simulated else moved[i]
-                for j, (after, at) in enumerate(zip(ramp.shown(spectrum, step), base[i], strict=True)):
-                    rows[i][j].append((after - at) / self._size[column])
-        return [[np.stack(part) for part in each] for each in rows]
+        steps, law, shared = np.tile(p, (len(p), 1)), self._setting.law(p), range(len(SHARED))
+        steps[range(len(p)), range(len(p))] += self._size
+        has_images = bool(self._setting.ripple.waves)
+        nothing = {c for c in shared if (SHARED[c] in OF_IMAGES and not has_images) or (SHARED[c] in LINEAR and self._is_linear)}
+        factors = {SHARED.index(name) for name in FACTORS}
+        waves = range(self._setting.waves.start, self._setting.waves.stop)
+        of_law = [c for c in shared if c not in nothing | factors]
+        laws = [self._setting.law(steps[c]) for c in of_law] + [law] * len(BEGINNING)
+        found = []
+        for ramp, spectrum in zip(self._ramps, moved, strict=True):
+            alike = [*of_law, *range(ramp.own.start, ramp.own.stop)]
+            after = dict(zip(alike, ramp.moved_alike(steps[alike], laws), strict=True))
+            after |= zip(waves, ramp.moved_alike(steps[waves], [law] * len(waves)), strict=True)
+            after |= dict.fromkeys(factors - nothing, spectrum)
+            before = ramp.shown(spectrum, p)
+            columns = list(after)
+            slopes = [np.zeros((len(p), len(at)), at.dtype) for at in before]
+            for rows, there, at in zip(slopes, ramp.shown_alike(list(after.values()), steps[columns]), before, strict=True):
+                rows[columns] = (there - at) / self._size[columns, np.newaxis]
+            found.append(slopes)
+        return found
 
     def _curvature(
         self, p: Real, left: list[list[Complex]], moved: list[Complex], variances: list[list[Real]], noise: _Noise

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
 
 from hil.control.arrays import Complex, Real
-from hil.design.ate.gear import BaseMotion, GearLaw
+from hil.design.ate.gear import BaseMotion, GearLaw, follow_alike
 from hil.design.ate.model import BAND, Arm, Sweep, resolution_rad
 from hil.design.ate.rest import variance_at_rest
 from hil.design.ate.ripple import Ripple
@@ -41,8 +42,6 @@ BEGINNING = ("wound", "real", "imaginary")
 """Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
 FACTORS = ("bend", "droop", "delay", "dispersion", *OF_IMAGES)
 """Those that need no simulation: factors of the spectrum."""
-_OF_SENSOR = [SHARED.index(name) for name in ("resonance", "bend", "droop", "delay", "dispersion")]
-"""Places of those that the sensor's gain and turn depend on."""
 OF_ROUNDING = ("resonance", "damping", "gear_fraction", "bend", "droop")
 """Those on which the noise of the encoder depends."""
 
@@ -113,10 +112,34 @@ def thinned(sweep: Sweep, every: int) -> Sweep:
     return Sweep(angle, signal, every * sweep.period_s, sweep.direction[::every])
 
 
-def _decimated(spectrum: Complex, count: int, every: int) -> Real:
-    """Decimate a real signal that is given by its spectrum, without a filter; shape (count,)."""
-    whole = np.concatenate([spectrum, spectrum[1 : (count * every + 1) // 2][::-1].conj()])
-    return np.asarray(scipy.fft.irfft(whole.reshape(every, count).sum(axis=0)[: count // 2 + 1], count)) / every
+def _folded(spectrum: Complex, count: int, every: int) -> Complex:
+    """Spectrum of every n-th sample of a real signal, of which one without a filter shows all; shape (count // 2 + 1,)."""
+    if every == 1:
+        return spectrum
+    folded, last = spectrum[: count // 2 + 1].copy(), count * every // 2
+    for begin in range(count, count * every, count):
+        direct = spectrum[begin : min(begin + len(folded), last + 1)]
+        folded[: len(direct)] += direct
+        mirrored = count * every - begin - len(direct)
+        folded[len(direct) :] += spectrum[mirrored - len(folded) + len(direct) + 1 : mirrored + 1][::-1].conj()
+    return folded
+
+
+def _gain(hz: Real, resonance: float, bend: float, droop: float) -> Real:
+    """Gain of the sensor: of its mounting and of its low-pass."""
+    square = np.minimum(hz / math.exp(resonance), BAND[1]) ** 2
+    return np.asarray(1.0 / (1.0 - bend * square + droop * square**2))
+
+
+def _turn(hz: Real, resonance: float, delay: float, dispersion: float) -> Complex:
+    """Turn of the phase by the sensor."""
+    x = np.minimum(hz / math.exp(resonance), BAND[1])
+    return np.asarray(np.exp(-1j * (2.0 * math.pi * hz * delay + dispersion * (x**3 - x))))
+
+
+def _beyond(x: Real, *gains: complex) -> Complex:
+    """Gain beyond half of the sampling rate over that of the model, as in `OF_IMAGES`."""
+    return np.asarray(1.0 + np.polynomial.polynomial.polyval(x, gains))
 
 
 class Ramp:
@@ -156,7 +179,7 @@ class Ramp:
         rates = [scipy.fft.rfftfreq(count, self._period_s) for count in self.counts]
         self._inside = [slice(*np.searchsorted(hz, (low, high))) for hz in rates]
         self.hz = [hz[inside] for hz, inside in zip(rates, self._inside, strict=True)]
-        self.seen = self._spectra(sweep.signal)
+        self.seen = [spectra[0] for spectra in self._spectra(sweep.signal[np.newaxis])]
         # at rest a signal may stay within one step, in motion it does not
         steps = resolution_rad(recorded.signal) ** 2 / 12.0 / every
         self.still = variance_at_rest(sweep.signal, motor_speed_rps(sweep.motor_angle_rad, sweep.period_s)) + steps
@@ -165,14 +188,23 @@ class Ramp:
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
         rounded = np.random.default_rng(begins_at).uniform(-0.5, 0.5, self._count) * step
         self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
-        self._passed: tuple[bytes, Real, Complex] | None = None
+        self._is_beyond = slice(int(np.searchsorted(self._fine_hz, 0.5 / self._period_s, "right")), None)
+        # most unknowns change none of these
+        self._gain, self._turn, self._beyond = (
+            lru_cache(maxsize=4)(partial(function, hz))
+            for function, hz in (
+                (_gain, self._fine_hz),
+                (_turn, self._fine_hz),
+                (_beyond, 2.0 * self._period_s * self._fine_hz[self._is_beyond] - 1.0),
+            )
+        )
 
-    def _spectra(self, signal: Real) -> list[Complex]:
-        """Spectra of each part in the band, without its straight line."""
+    def _spectra(self, signals: Real) -> list[Complex]:
+        """Spectra of each part in the band, without its straight line; a row for each signal."""
         made = []
         for piece, line, taper, inside in zip(self._pieces, self._lines, self._tapers, self._inside, strict=True):
-            part = signal[piece]
-            made.append(scipy.fft.rfft((part - line @ (part @ line)) * taper)[inside])
+            parts = np.stack([(part - line @ (part @ line)) * taper for part in signals[:, piece]])
+            made.append(scipy.fft.rfft(parts)[:, inside])
         return made
 
     def _began(self, p: Real) -> tuple[float, complex]:
@@ -182,39 +214,53 @@ class Ramp:
 
     def moved(self, p: Real, law: GearLaw) -> Complex:
         """Spectrum of the simulated acceleration at the integration's steps."""
-        base, speed = self._motion.with_error(p[self._setting.waves])
-        acceleration = law.follow(base, speed, self._motion.step_s, *self._began(p))
-        return np.asarray(scipy.fft.rfft(acceleration, self._length * self._motion.per_sample))
+        return np.asarray(self.moved_alike(p[np.newaxis], [law])[0])
+
+    def moved_alike(self, unknowns: Real, laws: Sequence[GearLaw]) -> Complex:
+        """Spectra of several arms, a row each, as each has it alone.
+
+        Args:
+            unknowns: A vector of each; shape (arms, unknowns).
+        """
+        waves = unknowns[:, self._setting.waves]
+        motions = np.stack([self._motion.with_error(each) for each in (waves if np.any(waves != waves[0]) else waves[:1])])
+        records = np.concatenate([law.record(*self._began(p)) for p, law in zip(unknowns, laws, strict=True)])
+        accelerations = follow_alike(records, motions, self._motion.step_s)
+        return np.asarray(scipy.fft.rfft(accelerations, self._length * self._motion.per_sample))
 
     def largest(self, moved: Complex) -> float:
         """Largest acceleration in the band, in rad/s², of a simulated spectrum."""
         low, high = self._setting.band_hz
         return float(np.max(np.abs(scipy.fft.irfft(np.where((self._fine_hz > low) & (self._fine_hz < high), moved, 0.0)))))
 
-    def _passing(self, p: Real) -> tuple[Real, Complex]:
-        """Gain and turn of the sensor at the integration's steps; most unknowns change neither, so the last ones are kept."""
-        key = p[_OF_SENSOR].tobytes()
-        if self._passed is None or self._passed[0] != key:
-            v, hz = self._setting.shared(p), self._fine_hz
-            x = np.minimum(hz / math.exp(v["resonance"]), BAND[1])
-            turned = 2.0 * math.pi * hz * v["delay"] + v["dispersion"] * (x**3 - x)
-            self._passed = key, self._mounted(hz, p), np.exp(-1j * turned)
-        return self._passed[1:]
-
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
         """Spectra of each part as the sensor shows them, of one at the integration's steps."""
-        v, hz = self._setting.shared(p), self._fine_hz
-        gain_there, turn = self._passing(p)
-        late = moved * self._setting.lever_m * gain_there * turn
-        is_beyond = hz > 0.5 / self._period_s
-        gain = [v[name] + 1j * v[other] for name, other in zip(OF_IMAGES[::2], OF_IMAGES[1::2], strict=True)]
-        late[is_beyond] *= 1.0 + np.polynomial.polynomial.polyval(2.0 * self._period_s * hz[is_beyond] - 1.0, gain)
-        return self._spectra(_decimated(late, self._length, self._motion.per_sample)[: self._count])
+        return [spectra[0] for spectra in self.shown_alike([moved], p[np.newaxis])]
+
+    def shown_alike(self, moved: Sequence[Complex], unknowns: Real) -> list[Complex]:
+        """Spectra of each part of several, a row each, as each alone.
+
+        Args:
+            unknowns: A vector for each; shape (spectra, unknowns).
+        """
+        every = self._motion.per_sample
+        late = np.stack([_folded(self._late(*each), self._length, every) for each in zip(moved, unknowns, strict=True)])
+        return self._spectra(scipy.fft.irfft(late, self._length)[:, : self._count] / every)
+
+    def _late(self, moved: Complex, p: Real) -> Complex:
+        """Spectrum behind the sensor, at the integration's steps."""
+        v = self._setting.shared(p)
+        turn = self._turn(v["resonance"], v["delay"], v["dispersion"])
+        late = moved * self._setting.lever_m * self._gain(v["resonance"], v["bend"], v["droop"]) * turn
+        beyond = [v[name] + 1j * v[other] for name, other in zip(OF_IMAGES[::2], OF_IMAGES[1::2], strict=True)]
+        if any(beyond):
+            late[self._is_beyond] *= self._beyond(*beyond)
+        return np.asarray(late)
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
         """Power that one draw of the rounding adds, simulated; per sample."""
-        base, speed = self._motion.with_error(p[self._setting.waves])
-        added = law.follow(base + self._shaken[0], speed + self._shaken[1], self._motion.step_s, *self._began(p))
+        base, speed = self._motion.with_error(p[self._setting.waves]) + self._shaken
+        added = law.follow(base, speed, self._motion.step_s, *self._began(p))
         spectrum = np.asarray(scipy.fft.rfft(added, self._length * self._motion.per_sample)) - moved
         return [np.abs(each) ** 2 / n for each, n in zip(self.shown(spectrum, p), self.counts, strict=True)]
 
@@ -223,14 +269,8 @@ class Ramp:
 
         For so small a motion the arm is linear; `small` holds the factors by which f_a and ζ are others there.
         """
-        law, found = self._setting.law(p), []
+        v, law, found = self._setting.shared(p), self._setting.law(p), list[Real]()
         for hz, size in zip(self.hz, self._rounding, strict=True):
             arm = Arm(small[0] * law.resonance_hz, small[1] * law.damping, 0.0, law.gear_fraction).response(hz)
-            found.append(size * np.abs(self._mounted(hz, p) * arm) ** 2)
+            found.append(size * np.abs(_gain(hz, v["resonance"], v["bend"], v["droop"]) * arm) ** 2)
         return found
-
-    def _mounted(self, hz: Real, p: Real) -> Real:
-        """Gain of the sensor: of its mounting and of its low-pass."""
-        v = self._setting.shared(p)
-        square = np.minimum(hz / math.exp(v["resonance"]), BAND[1]) ** 2
-        return np.asarray(1.0 / (1.0 - v["bend"] * square + v["droop"] * square**2))

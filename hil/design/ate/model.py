@@ -8,7 +8,7 @@ For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepMod
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
@@ -121,6 +121,11 @@ class Arm:
 
     def response(self, frequency_hz: Real) -> Complex:
         """H(jω) e^{−jωΔ} of arm and sensor; shape of `frequency_hz`."""
+        made = self.in_time(frequency_hz)
+        return made * turn(frequency_hz, self.delay_s) if self.delay_s else made
+
+    def in_time(self, frequency_hz: Real) -> Complex:
+        """H(jω) of arm and sensor, without the delay; shape of `frequency_hz`."""
         x = np.asarray(frequency_hz) / self.resonance_hz
         made = self._follows(x, self.damping)
         if self.others:
@@ -129,12 +134,21 @@ class Arm:
                 made = made + each.part * self._follows(np.asarray(frequency_hz) / each.resonance_hz, each.damping)
         if self.bend:
             made = made / (1.0 - self.bend * np.minimum(x, BAND[1]) ** 2)
-        return np.asarray(made * np.exp(-2j * math.pi * frequency_hz * self.delay_s) if self.delay_s else made)
+        return made
 
     def _follows(self, over_resonance: Real, damping: float) -> Complex:
         """Motion of a mode on a moving base, by frequency over its own."""
         x = over_resonance
-        return np.asarray((1.0 + 2j * self.gear_fraction * damping * x) / (1.0 + 2j * damping * x - x**2))
+        made, below = np.empty(np.shape(x), np.complex128), np.empty(np.shape(x), np.complex128)
+        made.real, made.imag = 1.0, 2.0 * self.gear_fraction * damping * x
+        below.real, below.imag = 1.0 - x**2, 2.0 * damping * x
+        made /= below
+        return made
+
+
+def turn(frequency_hz: Real, delay_s: float) -> Complex:
+    """Turn e^{−jωΔ} of a delay; shape of `frequency_hz`."""
+    return np.asarray(np.exp(-2j * math.pi * frequency_hz * delay_s))
 
 
 @dataclass(frozen=True)
@@ -203,6 +217,8 @@ class SweepModel:
         self._own = inertia * weight[inside] * spectra[0]
         self._has_own = bool(np.any(self._own))
         self._kept: tuple[bytes, Complex] | None = None
+        # slopes of an arm hold its delay, or have it once on either side
+        self._turn, self._turn_of_all = (lru_cache(3)(partial(turn, each)) for each in (self._frequency, frequency))
         # the fraction of white noise that comes through, hence of the samples that are independent
         self.independent = self._every * self._white
         self._seen = weight[inside] * scipy.fft.rfft(levelled(sweep.signal), full)[inside]
@@ -223,9 +239,9 @@ class SweepModel:
         Returns the signal of the motor's motion alone, shape (n,), and that per unit of each linear unknown, shape (n,
         unknowns).
         """
-        spectra = self._spectra * arm.response(self._frequency)
+        spectra = self._spectra * self._response(arm)
         if self._has_own:
-            spectra[0] += self._own * np.exp(-2j * math.pi * self._frequency * arm.delay_s)
+            spectra[0] += self._own * self._turn(arm.delay_s)
         rows = self._samples(spectra)
         return rows[0], rows[1:].T
 
@@ -234,11 +250,15 @@ class SweepModel:
         key = unknowns.tobytes()  # all slopes need the same spectrum
         if self._kept is None or self._kept[0] != key:
             self._kept = key, np.append(1.0, unknowns) @ self._spectra
-        total = self._kept[1] * (more.response(self._frequency) - less.response(self._frequency))
+        total = self._kept[1] * (self._response(more) - self._response(less))
         if self._has_own:
-            late, early = (np.exp(-2j * math.pi * self._frequency * each.delay_s) for each in (more, less))
-            total += self._own * (late - early)
+            total += self._own * (self._turn(more.delay_s) - self._turn(less.delay_s))
         return self._samples(total)
+
+    def _response(self, arm: Arm) -> Complex:
+        """Response of an arm at the frequencies inside."""
+        made = arm.in_time(self._frequency)
+        return made * self._turn(arm.delay_s) if arm.delay_s else made
 
     @property
     def white(self) -> float:
@@ -247,7 +267,8 @@ class SweepModel:
 
     def rounding_power(self, arm: Arm) -> float:
         """Expected power of the encoder's rounding, summed over the counted rows."""
-        passed = np.abs(self._rounding * arm.response(self._all_frequency)) ** 2
+        made = arm.in_time(self._all_frequency)
+        passed = np.abs(self._rounding * (made * self._turn_of_all(arm.delay_s) if arm.delay_s else made)) ** 2
         return float(np.mean(passed)) * len(self._rows)
 
 
@@ -292,6 +313,7 @@ class RampsModel:
         self.orders, self.band_hz = orders, band_hz
         self._put_forward: dict[tuple[int, tuple[float, ...]], tuple[Real, Real]] = {}
         self._made = lru_cache(1)(self._columns)
+        self._inverted = lru_cache(1)(lambda arm: Inverted(self.columns(arm)[1]))
         self._direction_rows: dict[int, NDArray[np.intp]] = {}
 
     def columns(self, arm: Arm) -> tuple[Real, Real]:
@@ -306,8 +328,12 @@ class RampsModel:
     def solve(self, arm: Arm) -> tuple[Real, Real]:
         """Solve for the linear unknowns, and return them and the residual."""
         motion, matrix = self.columns(arm)
-        unknowns = least_squares(matrix, self.signal - motion)
+        unknowns = self._inverted(arm).solve(self.signal - motion)
         return unknowns, self.signal - motion - matrix @ unknowns
+
+    def projected(self, arm: Arm, slopes: Real) -> Real:
+        """What the linear unknowns do not explain of slopes; shape (n, slopes)."""
+        return np.asarray(slopes - self.columns(arm)[1] @ self._inverted(arm).solve(slopes))
 
     def difference(self, more: Arm, less: Arm, unknowns: Real) -> Real:
         """Difference of all recordings with two arms; shape (n,)."""
@@ -377,12 +403,22 @@ class RampsModel:
         return float(np.sum(self.solve(arm)[1] ** 2))
 
 
+class Inverted:
+    """Columns for least squares, by normal equations of them scaled."""
+
+    def __init__(self, matrix: Real) -> None:
+        self._scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
+        self._scaled = matrix / self._scale
+        self._inverse = pseudo_inverse(self._scaled.T @ self._scaled)
+
+    def solve(self, wanted: Real) -> Real:
+        """Unknowns that make the columns come nearest to what is wanted; shape (unknowns,) or (unknowns, n)."""
+        return np.asarray(((self._inverse @ (self._scaled.T @ wanted)).T / self._scale).T)
+
+
 def least_squares(matrix: Real, wanted: Real) -> Real:
-    """Solve a least-squares problem by normal equations on scaled columns."""
-    scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
-    scaled = matrix / scale
-    found = pseudo_inverse(scaled.T @ scaled) @ (scaled.T @ wanted)
-    return np.asarray((found.T / scale).T)
+    """Solve a least-squares problem once."""
+    return Inverted(matrix).solve(wanted)
 
 
 def pseudo_inverse(square: Real) -> Real:

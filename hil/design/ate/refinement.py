@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from hil.control.arrays import Real
-from hil.design.ate.model import Arm, RampsModel, least_squares
+from hil.design.ate.model import Arm, RampsModel
 from hil.design.estimation import EVALUATIONS, inverse
 from hil.design.frequency import MOUNTING_HZ
 
@@ -124,6 +124,4 @@ def projected_slopes(model: RampsModel, arm: Arm) -> Real:
 
     Source: L. Kaufman, A variable projection method for solving separable nonlinear least squares problems, BIT 15 (1975).
     """
-    motion, matrix = model.columns(arm)
-    slopes = slopes_by_arm(model, arm, least_squares(matrix, model.signal - motion))
-    return np.asarray(slopes - matrix @ least_squares(matrix, slopes))
+    return model.projected(arm, slopes_by_arm(model, arm, model.solve(arm)[0]))

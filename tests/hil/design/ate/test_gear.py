@@ -1,13 +1,14 @@
 """The simulated arm moves as a general solver says, and as a linear gear does in closed form."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.gear import BaseMotion, GearLaw
+from hil.design.ate.gear import BaseMotion, GearLaw, follow_alike
 
 SOFT = {"softness": 0.3, "wind_up_rad": 60.0 * ARCSEC}
 LOSSY = {"hysteresis_rad": 15.0 * ARCSEC, "hysteresis_torsion_rad": 20.0 * ARCSEC}
@@ -76,6 +77,47 @@ def test_a_general_solver_gives_the_same_acceleration(name, ahead_rad):
     # friction turns round within a step: the closed form begins there from the step's end
     allowed = 2e-3 if law.hysteresis_rad else 1e-4
     assert np.abs(got - expected).max() < allowed * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("has_one_motion", [True, False])
+def test_arms_side_by_side_move_as_each_does_alone(has_one_motion):
+    """More than go together at once, and all kinds of gears: to the last bit."""
+    laws = [replace(LAWS[each], damping=0.03 + 0.002 * i) for i in range(3) for each in LAWS]
+    halves = np.arange(0.0, 1.0, 1e-3)[:-1]
+    motions = np.array([base_of(law, halves) for law in laws[: 1 if has_one_motion else None]])
+    motions *= np.linspace(1.0, 1.2, len(motions))[:, np.newaxis, np.newaxis]
+    together = follow_alike(np.concatenate([law.record(0.3, 1e-4j) for law in laws]), motions, 2e-3)
+    for i, (law, found) in enumerate(zip(laws, together, strict=True)):
+        base, rate = motions[0 if has_one_motion else i]
+        assert found.tobytes() == law.follow(base, rate, 2e-3, 0.3, 1e-4j).tobytes()
+
+
+@pytest.mark.parametrize("wind_up_arcsec", [0.5, 5.0, 60.0, 600.0])
+def test_a_gear_is_stiff_where_no_bit_shows_its_softness(wind_up_arcsec):
+    """A run along which the exponential may be left out is, to the last bit, the one with it in Python."""
+    law = GearLaw(12.0, 0.03, softness=0.3, wind_up_rad=wind_up_arcsec * ARCSEC)
+    base, rate = base_of(law, 1e-3 * np.arange(2001))
+    stiffness, gear, arm = (float(law.record()[name][0]) for name in ("stiffness", "gear_damping", "arm_damping"))
+    step, per_wind_up, expected = 2e-3, 1.0 / law.wind_up_rad, []
+
+    def pushed(x, v, i):
+        ratio = (base[i] - x) * per_wind_up
+        spring = stiffness * (1.0 - law.softness * math.exp(-ratio * ratio)) * (base[i] - x)
+        return spring + gear * (rate[i] - v) - arm * v
+
+    x, v = base[0], rate[0]
+    for i in range(0, 2000, 2):
+        a1 = pushed(x, v, i)
+        v2 = v + 0.5 * step * a1
+        a2 = pushed(x + 0.5 * step * v, v2, i + 1)
+        v3 = v + 0.5 * step * a2
+        a3 = pushed(x + 0.5 * step * v2, v3, i + 1)
+        v4 = v + step * a3
+        a4 = pushed(x + step * v3, v4, i + 2)
+        expected.append(a1)
+        x += step / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
+        v += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    assert law.follow(base, rate, step)[:-1].tolist() == expected
 
 
 def test_the_spline_through_samples_moves_the_gear_as_the_motor_did():
