@@ -171,6 +171,7 @@ class Run:
         data.rows, data.columns = self._rows, self.table.values.shape[1]
         self.exchange.run = data
         self.exchange.stretch.has_additions = self.adder is not None
+        self.exchange.stretch.torque_offset_nm = CORE.NULL
         if isinstance(self.adder, CompiledAdder):
             data.cancellation = self.adder.data
 
