@@ -151,9 +151,14 @@ class Sighting:
         """Vibration in m/s² of a part with an amplitude in arcsec; shape (rows,)."""
         return np.asarray(self.waves[part] @ np.array([amplitude.real, amplitude.imag]))
 
+    @property
+    def noise_variance(self) -> float:
+        """Variance of the noise in the band."""
+        return float(np.mean(self.residual**2)) / self.free
+
     def variance(self, part: Part) -> float:
         """Variance of either component of a part's amplitude, by residual and leakage."""
-        noise = max(float(np.mean(self.residual**2)) / self.free, LEAST_NOISE_M_S2**2)
+        noise = max(self.noise_variance, LEAST_NOISE_M_S2**2)
         leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
         return self.unit_variance[part] * (noise + LEAK**2 * leaks)
 

@@ -223,7 +223,7 @@ class _Account:
         total = np.zeros(self._count)
         for part in parts:
             size, look = self._amplitude(looks, part), looks[0].sighting
-            variance = look.unit_variance[part] * float(np.mean(look.residual**2))
+            variance = look.unit_variance[part] * look.noise_variance
             if abs(size) > FAR_SIGMAS * math.sqrt(2.0 * variance / len(looks)):
                 total += look.wave(part, size)[: self._count]
         return total
