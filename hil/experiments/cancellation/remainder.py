@@ -41,8 +41,8 @@ JOLT_FACTOR = 1.3
 HALF = 0.5
 """Bound: part of what is above that a cause takes away at least: that of a true cause (docs/rehearsal-results.md)."""
 ABOUT = (0.3, 2.5)
-"""Measured: amplitude found over that reckoned with which a cause counts as found: on 13 drawn robots 0.9 to 1.5, and once 3.6
-(docs/trial.md)."""
+"""Measured: amplitude found over that reckoned with which a cause counts as found: on 13 drawn robots 0.9 to 1.5, and once
+3.6."""
 REACTION_TURN = math.radians(50.0)
 """Largest angle between the reckoned reaction and what is found of it."""
 
