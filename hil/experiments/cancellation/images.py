@@ -64,11 +64,12 @@ def images_m_s2(recording: Recording, axes: Sequence[AxisWaves], tables: Mapping
 
 
 def image_sizes_m_s2(
-    axis: AxisWaves, table: CancellationTable, speed_rps: Real, period_s: float, band_hz: tuple[float, float]
+    axis: AxisWaves, table: CancellationTable, speed_rps: Real, period_s: float, band_hz: tuple[float, float] | None
 ) -> Real:
-    """Sum of the images' amplitudes in a band, per lever, by motor speed; of its shape."""
+    """Sum of the images' amplitudes in a band, per lever, by motor speed; of its shape. None: of all of them."""
     hz, gain = image_gains(axis, table, period_s)
-    return _at(table, np.sum(in_band(hz, band_hz) * np.abs(gain), axis=(0, 1)), speed_rps)
+    passed = 1.0 if band_hz is None else in_band(hz, band_hz)
+    return _at(table, np.sum(passed * np.abs(gain), axis=(0, 1)), speed_rps)
 
 
 def _at(table: CancellationTable, by_speed: Real, speed_rps: Real) -> Real:

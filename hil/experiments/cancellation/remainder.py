@@ -3,8 +3,8 @@
 The causes are those that the trial's own recordings show.
 
 A cause is named only if its own vibration, predicted independently of the remainder, is found in it: without that vibration
-the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, the result says so. The
-causes:
+the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, but images of the set-points
+alone, beyond the band too, exceed the goal, they are the cause; else the result says that there is none. The causes:
 
 - `speed limit`: the part for which neither set-points nor torque had room, by the tables of the cancellation.
 - `frequency limit`: the part that the tables leave out towards the highest frequency of the cancellation, and the images of slow
@@ -181,6 +181,8 @@ class _Account:
             return best
         if self._explains(self._shown_mm(self._waves(self._seen.used, self._after)) + unseen_mm):
             return "estimate"
+        if self._images_exceed(self._order):
+            return "frequency limit"
         if self._left_mm - self._asked_mm < self._noise_mm:
             return "sensor noise"
         return "not explained"
@@ -198,7 +200,14 @@ class _Account:
                 largest[name] = peaks[order]
                 if peaks[order] > self._left_mm:
                     self._order, self._left_mm = order, peaks[order]
+        if not largest and any(map(self._images_exceed, self._peaks)):
+            return "frequency limit"
         return max(largest, key=lambda name: largest[name], default="sensor noise")
+
+    def _images_exceed(self, order: float | None) -> bool:
+        """True if images, in the band or beyond, make more than is asked: a SYNC so slow has other effects beside them."""
+        rows = self._seen.windows.rows[order][: self._count]
+        return float(np.max(self._seen.windows.to_mm * self._images_m_s2(None)[rows])) > self._asked_mm
 
     def _reckoned(self) -> dict[RemainderCause, Real]:
         """Vibration of each cause that can be reckoned, whatever is left."""
@@ -267,10 +276,17 @@ class _Account:
                 angle_rad = abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz))
                 share = sum(shares.values()) * unshown(hz, *window)
                 total += share * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
-        acted = acting(self._tables, dict.fromkeys(self._seen.used, 1.0))
-        for number in axes.keys() & acted.keys():  # images are taken off the samples: all that the band contains of them is here
-            sizes = image_sizes_m_s2(axes[number], acted[number], self._speed_rps(number), *window)
-            total += np.abs(self._lever_m(axes[number])) * sizes
+        # images are taken off the samples: all that the band contains of them is here
+        return np.asarray(total + self._images_m_s2(self._seen.scale.band_hz))
+
+    def _images_m_s2(self, band_hz: tuple[float, float] | None) -> Real:
+        """Amplitude of the images in a band, or of all of them; shape (rows,)."""
+        total, acted = np.zeros(self._count), acting(self._tables, dict.fromkeys(self._seen.used, 1.0))
+        for axis in self._seen.axes:
+            if axis.number in acted:
+                speed, period_s = self._speed_rps(axis.number), self._seen.recording.period_s
+                sizes = image_sizes_m_s2(axis, acted[axis.number], speed, period_s, band_hz)
+                total += np.abs(self._lever_m(axis)) * sizes
         return total
 
     def _found_reaction(self) -> Real:
