@@ -122,6 +122,10 @@ class AxisWaves:
     response: Response
     planned_rad: Real
 
+    def levers_m(self, count: int) -> Real:
+        """Lever in the first rows; shape () or (count,)."""
+        return self.lever_m if np.ndim(self.lever_m) == 0 else self.lever_m[:count]
+
 
 @dataclass(frozen=True)
 class Sighting:
@@ -240,8 +244,8 @@ class _Spectra:
     def columns(self, axis: AxisWaves, response: Response) -> Real:
         """Columns of an axis; shape (rows, 2 orders + 2)."""
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
-        lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
-        return np.asarray(made * lever).T
+        lever = axis.levers_m(self._count)
+        return np.asarray(made * (lever if np.ndim(lever) == 0 else lever[self._rows])).T
 
 
 def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
@@ -278,7 +282,10 @@ def acceleration_of(
 
 
 def _solver(columns: Real) -> tuple[Real, Real]:
-    """Matrix that solves least squares, the transposed shape, and the unknowns' errors for what the rows do not show."""
+    """Matrix that solves least squares, and the errors of the unknowns that the rows do not show.
+
+    Shapes (unknowns, rows) and (unknowns, unknowns).
+    """
     scale = np.sqrt(np.sum(columns**2, axis=0)) + np.finfo(np.float64).tiny ** 0.25
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none

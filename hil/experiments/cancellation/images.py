@@ -59,7 +59,7 @@ def images_m_s2(recording: Recording, axes: Sequence[AxisWaves], tables: Mapping
         for wave, by_speed in zip(table.waves, gain, strict=True):
             own = _at(table, by_speed.real, speed_rps) + 1j * np.sign(speed_rps) * _at(table, by_speed.imag, speed_rps)
             made += own * np.exp(1j * (wave.order * angle + wave.phase_rad))
-        total += axis.lever_m * made.real
+        total += axis.levers_m(len(angle)) * made.real
     return total
 
 
