@@ -252,6 +252,26 @@ def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
     half of `FAR_SIGMAS` apart, as far as they are not improbable, and each weighs by its likelihood times the volume that it
     leaves the others, √det of their covariance; in between both are interpolated.
     """
+    found = _at_lags(problem, fit)
+    found.sort(key=lambda each: each.x[LAG])
+    points = np.array([each.x for each in found])
+    lags = np.linspace(points[0, LAG], points[-1, LAG], EVALUATIONS)
+    values = [each.deviance for each in found], points, [each.covariance for each in found]
+    deviance, points, covariances = (
+        scipy.interpolate.PchipInterpolator(points[:, LAG], each)(lags) if len(found) > 1 else np.array(each) for each in values
+    )
+    weights = np.exp(-0.5 * (deviance - deviance.min()))
+    weights /= weights.sum()
+    mean = weights @ points
+    apart = points - mean
+    return mean, np.asarray(np.einsum("n,nij->ij", weights, covariances) + (weights * apart.T) @ apart)
+
+
+def _at_lags(problem: PlantProblem, fit: Any) -> list["_HeldLag"]:
+    """Fits at lags on both sides of the best, as far as not improbable.
+
+    A fit at another lag that is better than the best leads to a better minimum, beside which all begins again.
+    """
     enlarged, bounds = enlargement(problem, fit.x), problem.bounds(fit.x)
     best = _HeldLag.of(problem, fit.x, fit, enlarged)
     jacobian = np.asarray(fit.jac)
@@ -267,21 +287,12 @@ def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
                 break
             fit = _descended(problem, x, _others(x), bounds, EVALUATIONS // 4, math.sqrt(ROUNDING))
             before, last = last, _HeldLag.of(problem, x, fit, enlarged)
+            if last.cost < (1.0 - math.sqrt(ROUNDING)) * best.cost:
+                return _at_lags(problem, _descended(problem, last.x, list(range(len(x))), bounds, EVALUATIONS))
             found.append(last)
             if abs(last.deviance - before.deviance) < 1.0:
                 reach *= 2.0
-    found.sort(key=lambda each: each.x[LAG])
-    points = np.array([each.x for each in found])
-    lags = np.linspace(points[0, LAG], points[-1, LAG], EVALUATIONS)
-    values = [each.deviance for each in found], points, [each.covariance for each in found]
-    deviance, points, covariances = (
-        scipy.interpolate.PchipInterpolator(points[:, LAG], each)(lags) if len(found) > 1 else np.array(each) for each in values
-    )
-    weights = np.exp(-0.5 * (deviance - deviance.min()))
-    weights /= weights.sum()
-    mean = weights @ points
-    apart = points - mean
-    return mean, np.asarray(np.einsum("n,nij->ij", weights, covariances) + (weights * apart.T) @ apart)
+    return found
 
 
 @dataclass(frozen=True)
@@ -289,11 +300,13 @@ class _HeldLag:
     """Fit of the other unknowns at a lag.
 
     Attributes:
+        cost: Half of the sum of the squared residuals.
         deviance: −2 ln of the likelihood of the lag, but for a constant.
         x: The unknowns.
         covariance: Their covariance, without that of the lag.
     """
 
+    cost: float
     deviance: float
     x: Real
     covariance: Real
@@ -308,7 +321,7 @@ class _HeldLag:
         information, covariance = jacobian.T @ jacobian / enlarged, np.zeros((len(x), len(x)))
         covariance[np.ix_(others, others)] = inverse(information)
         volume = float(np.linalg.slogdet(information * np.outer(scale, scale))[1])
-        return cls(2.0 * float(fit.cost) / enlarged + volume, point, covariance)
+        return cls(float(fit.cost), 2.0 * float(fit.cost) / enlarged + volume, point, covariance)
 
 
 def _others(x: Real) -> list[int]:
