@@ -270,7 +270,7 @@ def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
 def _at_lags(problem: PlantProblem, fit: Any) -> list["_HeldLag"]:
     """Fits at lags on both sides of the best, as far as not improbable.
 
-    A fit at another lag that is better than the best leads to a better minimum, beside which all begins again.
+    The best of them that is better leads to a better minimum, beside which all begins again.
     """
     enlarged, bounds = enlargement(problem, fit.x), problem.bounds(fit.x)
     best = _HeldLag.of(problem, fit.x, fit, enlarged)
@@ -287,11 +287,12 @@ def _at_lags(problem: PlantProblem, fit: Any) -> list["_HeldLag"]:
                 break
             fit = _descended(problem, x, _others(x), bounds, EVALUATIONS // 4, math.sqrt(ROUNDING))
             before, last = last, _HeldLag.of(problem, x, fit, enlarged)
-            if last.cost < (1.0 - math.sqrt(ROUNDING)) * best.cost:
-                return _at_lags(problem, _descended(problem, last.x, list(range(len(x))), bounds, EVALUATIONS))
             found.append(last)
             if abs(last.deviance - before.deviance) < 1.0:
                 reach *= 2.0
+    least = min(found, key=lambda each: each.cost)
+    if least.cost < (1.0 - math.sqrt(ROUNDING)) * best.cost:
+        return _at_lags(problem, _descended(problem, least.x, list(range(len(least.x))), bounds, EVALUATIONS))
     return found
 
 
