@@ -430,22 +430,15 @@ class PlantProblem:
         """The same unknowns with a likelier delay of the accelerometer, if there is one.
 
         Around f_a alone the phase of a delay comes back after a period, so that a fit may end a period, or a part of one, away.
-        Its accelerometer may have gone astray with it, so that each delay is tried with a fresh one too, a tenth of a period
-        apart: where a slow SYNC's images count, of the first of them.
         """
         if self.data.tip is None or not len(self._tip_lines):
             return []
-        highest_hz = self.data.frequency_hz[self._tip_lines[-1]]
-        if self._folded is not None and highest_hz * self.timing.sync_s > HIDDEN_FROM:
-            highest_hz += 1.0 / self.timing.sync_s
-        tenth_s = 0.1 / highest_hz
+        tenth_s = 0.1 / self.data.frequency_hz[self._tip_lines[-1]]
         tried = [x]
         for delay_s in np.arange(-LEAST_TIP_DELAY_S, LARGEST_TIP_DELAY_S, tenth_s).tolist():
-            for other in (x, self.start(x[: VISCOUS + 1])):
-                moved = x.copy()
-                moved[LEVER:] = other[LEVER:]
-                moved[DELAY] = delay_s
-                tried.append(moved)
+            moved = x.copy()
+            moved[DELAY] = delay_s
+            tried.append(moved)
         best = min(tried, key=lambda each: float(np.sum(np.log1p(np.abs(self.residual(each))))))
         return [] if best is x else [best]
 
