@@ -30,7 +30,7 @@ from hil.control.arrays import Complex, Real
 from hil.control.cascade import Cascade
 from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
 from hil.design.frequency import AnyComplex, Loop, TwoInertia
-from hil.design.plant_spectra import Spectra
+from hil.design.plant_spectra import Lines, Spectra
 
 AGE_PRIOR_S = 3e-4
 """Bound: standard deviation of the age of the reported torque before the fit, about a control period where that is not known.
@@ -197,8 +197,8 @@ class PlantProblem:
         self._held = (1.0 - np.exp(-self.jw * timing.sync_s)) / (self.jw * timing.sync_s)
         self._period = np.exp(-self.jw * timing.sync_s)
         self._folded = self._folding()
-        self.scatter = Scatter.of(data.angle, data.torque)
-        self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
+        self.scatter = Scatter.of(data.angle, data.torque, data.waves)
+        self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle, data.waves)
         self._tip_lines = np.arange(len(self.jw))
         self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT, DISPERSION, BEYOND, TURNED]
         self._responses = lru_cache(KEPT)(self._computed)
@@ -752,10 +752,30 @@ class Scatter:
     both: NDArray[Any]
 
     @classmethod
-    def of(cls, output: Complex, given: Complex) -> "Scatter":
-        """Compute the covariances from spectra of shape (periods, lines)."""
-        out, put = output - output.mean(axis=0), given - given.mean(axis=0)
-        count = len(out) * (len(out) - 1)
+    def of(cls, output: Complex, given: Complex, waves: Lines | None = None) -> "Scatter":
+        """Compute the covariances from spectra of shape (periods, lines).
+
+        What comes back with the wave, as rounding to counts and the distortion by a nonlinear gear do, is the same in all of
+        its periods. Where the means of several waves scatter more than their periods do, they count, one value for a wave.
+
+        Args:
+            waves: Number of the excitation's wave in each period; shape (periods,); None where all have the same.
+
+        Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), section 4.3.1, the robust method.
+        """
+        out, put, count = output - output.mean(axis=0), given - given.mean(axis=0), len(output)
+        found = cls._of(out, put, count * (count - 1))
+        if waves is None:
+            return found
+        held = np.unique(waves)[:, np.newaxis] == waves
+        apart = cls._of(held @ out / count, held @ put / count, 1.0 - 1.0 / len(held))
+        is_apart = apart.output > found.output
+        pairs = ((apart.output, found.output), (apart.given, found.given), (apart.both, found.both))
+        return cls(*(np.where(is_apart, *pair) for pair in pairs))
+
+    @classmethod
+    def _of(cls, out: Complex, put: Complex, count: float) -> "Scatter":
+        """Sum of squares and products over the rows, smoothed, over a count."""
         power, other = np.sum(np.abs(out) ** 2, axis=0), np.sum(np.abs(put) ** 2, axis=0)
         return cls(smooth(power) / count, smooth(other) / count, smooth(np.sum(out * put.conj(), axis=0)) / count)
 
