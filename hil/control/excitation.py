@@ -71,7 +71,7 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
     return lines
 
 
-def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Excitation:
+def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float, number: int = 0) -> Excitation:
     """Return a multisine of low peak, scaled to a peak of 1.
 
     Phases start as Schroeder's, φ_k = −2π Σ_{j<k} (k − j) p_j with p_j the fraction of the power in line j, and are improved by
@@ -80,6 +80,7 @@ def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Exc
     Args:
         lines: Excited bins; shape (m,).
         amplitude: Relative amplitude of each; shape (m,).
+        number: Number of the wave: each but the first, 0, starts from phases of its own instead of Schroeder's.
 
     Raises:
         ValueError: Shapes that differ, or a line at or above half the sampling rate.
@@ -91,6 +92,8 @@ def multisine(lines: Lines, amplitude: Real, count: int, sample_s: float) -> Exc
     power = amplitude**2 / np.sum(amplitude**2)
     before = np.concatenate([[0.0], np.cumsum(power)[:-1]])
     phase = -2.0 * math.pi * np.concatenate([[0.0], np.cumsum(before[1:] * np.diff(lines))])
+    if number:
+        phase = 2.0 * math.pi * np.random.default_rng(number).random(len(lines))
     best, best_crest, level = np.zeros(count), math.inf, 0.75
     spectrum = np.zeros(count // 2 + 1, dtype=np.complex128)
     for round_ in range(_ROUNDS):

@@ -50,7 +50,7 @@ from hil.design.plant_problem import (
     VISCOUS,
     PlantProblem,
     SamplingTiming,
-    smooth,
+    Scatter,
 )
 from hil.design.plant_spectra import Spectra
 
@@ -366,7 +366,7 @@ def estimate_of(problem: PlantProblem, x: Real, covariance: Real) -> PlantEstima
     if data.tip is not None:
         found["lever_ratio"] = (math.exp(x[LEVER]), {LEVER: math.exp(x[LEVER])})
         found["accelerometer_delay_s"] = (float(x[DELAY]), {DELAY: 1.0})
-        tip = _response(data.frequency_hz, data.tip - of_tip, angle)
+        tip = _response(data, data.tip - of_tip, angle)
     torque = problem.torque(x, data.torque, of_torque) * problem.felt(x)
     slopes = np.zeros((len(found), len(x)))
     for row, (_, by_unknown) in enumerate(found.values()):
@@ -379,7 +379,7 @@ def estimate_of(problem: PlantProblem, x: Real, covariance: Real) -> PlantEstima
         plant,
         {name: EstimatedParameter(values.value(name), values.standard_error(name)) for name in found},
         values,
-        _response(data.frequency_hz, angle, torque),
+        _response(data, angle, torque),
         tip,
         misfit,
         data.periods,
@@ -425,14 +425,14 @@ def _deviation(amplitudes: Complex) -> float:
     return math.sqrt(0.5 * float(np.sum(np.abs(amplitudes) ** 2)))
 
 
-def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEstimate:
+def _response(data: Spectra, output: Complex, given: Complex) -> ResponseEstimate:
     """Output per input with its scatter; both of shape (periods, lines)."""
     mean_in, count = given.mean(axis=0), len(given)
     value = output.mean(axis=0) / mean_in
-    left = output - value * given
-    scatter = np.sqrt(np.maximum(smooth(np.sum(np.abs(left) ** 2, axis=0)) / (count * (count - 1)), 1e-300))
+    scatter = np.sqrt(np.maximum(Scatter.of(output - value * given, given, data.waves).output, 1e-300))
     deviation = scatter / np.abs(mean_in)
     explained, unexplained = np.abs(value * mean_in) ** 2, count * scatter**2
     # the quantile of F with 2 and 2 (count − 1) degrees of freedom
+    count = count if data.waves is None else len(np.unique(data.waves))
     bound = math.sqrt((count - 1) * ((2.0 * (1.0 - PROBABILITY)) ** (-1.0 / (count - 1)) - 1.0))
-    return ResponseEstimate(frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))
+    return ResponseEstimate(data.frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))

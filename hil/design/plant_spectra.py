@@ -27,6 +27,7 @@ class Stretch:
         torque_nm: The torque that the drive reported; shape (n,).
         tip_m_s2: Tip acceleration; shape (n,); None without accelerometer.
         orders_hz: Frequencies of the transmission error's orders at this speed, none on a line (`quiet_bias_rps`).
+        wave: Number of the excitation's wave.
     """
 
     excitation: Real
@@ -34,6 +35,7 @@ class Stretch:
     torque_nm: Real
     tip_m_s2: Real | None
     orders_hz: tuple[float, ...] = ()
+    wave: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Spectra:
         angle: Spectra Y of the motor angle.
         torque: Spectra U of the torque.
         tip: Spectra A of the tip acceleration; None without accelerometer.
+        waves: Number of the excitation's wave in each period; shape (periods,); None where all have the same.
     """
 
     frequency_hz: Real
@@ -55,6 +58,7 @@ class Spectra:
     angle: Complex
     torque: Complex
     tip: Complex | None
+    waves: Lines | None = None
 
     @property
     def periods(self) -> int:
@@ -68,6 +72,8 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
     A drift, and a wave of an order of the transmission error, differ from the periodic signal in that they change from period to
     period, so their removal leaves the signal whole. Over all periods of a stretch the waves sum to nothing; from one to the
     next they would look like noise of the mean.
+
+    What follows another wave of the excitation is turned and scaled to what it would be under the first.
 
     Args:
         stretches: Stretches of whole periods.
@@ -92,12 +98,17 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
             if name != "excitation":
                 steady = _without_changes(steady, sync_s, stretch.orders_hz)
             periods.append(np.fft.rfft(steady, axis=1)[:, lines] * (2.0 / samples))
+    waves = np.repeat([stretch.wave for stretch in stretches], [len(stretch.angle_rad) // samples for stretch in stretches])
     whole = {name: None if periods is None else np.concatenate(periods) for name, periods in by_name.items()}
     frequency = lines / (samples * sync_s)
     excitation, angle, torque = whole["excitation"], whole["angle_rad"], whole["torque_nm"]
     if excitation is None or angle is None or torque is None:
         raise ValueError("excitation, angle and torque are needed")
-    return Spectra(frequency, excitation, angle, torque, whole["tip_m_s2"])
+    tip = whole["tip_m_s2"]
+    if np.all(waves == waves[0]):
+        return Spectra(frequency, excitation, angle, torque, tip)
+    turn = excitation[0] / excitation
+    return Spectra(frequency, turn * excitation, turn * angle, turn * torque, None if tip is None else turn * tip, waves)
 
 
 def _without_changes(rows: Real, sync_s: float, orders_hz: Sequence[float]) -> Real:

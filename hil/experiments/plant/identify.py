@@ -43,6 +43,7 @@ from hil.experiments.plant.motion import (
     excited_motion,
     plan_travel,
     slow_motion,
+    with_wave,
 )
 from hil.experiments.plant.pilot import (
     LARGEST_RISE,
@@ -127,7 +128,8 @@ class PlantIdentification:
         self._probe()
         rough, room = self._pilot()
         sync_s, limit_rps, is_arm = self.bench.bus.sync_period_s, self.table.limits.speed_rps, self.bench.arm is not None
-        self.travel = self._travel(main_band(self.request, sync_s, rough.plant, limit_rps, is_wide=is_arm))
+        band = main_band(self.request, sync_s, rough.plant, limit_rps, is_wide=is_arm)
+        self.travel = self._travel(band)
         amplitude = self.request.amplitude_nm or self._chosen(rough, room)
         self._reporter.step("slow turns for friction and gravity")
         fastest = fast_speed(rough.plant.antiresonance_hz, FAST_FRACTION * self.table.limits.speed_rps)
@@ -136,7 +138,7 @@ class PlantIdentification:
             friction = self._friction(slow, self._run("slow", slow), rough.plant.gear_stiffness_nm_rad)
         except UnidentifiableError as error:
             raise self._refused(f"friction: {error}") from error
-        estimate, amplitude = self._main(amplitude, friction, rough)
+        estimate, amplitude = self._main(amplitude, friction, rough, room, band)
         estimate, words = self._compared(estimate, rough)
         self.remarks += [each for each in (words, misfit_words(estimate)) if each is not None]
         viscous = estimate.parameters[VISCOUS]
@@ -289,12 +291,8 @@ class PlantIdentification:
 
     def _chosen(self, rough: PlantEstimate, room: Room) -> float:
         """Amplitude at which torque, speed and tip stay well within their limits."""
-        law = self.table.gains("its plant").cascade()
-        per_nm = predicted_peaks(rough, self.travel, self.excited, law, self._control_s, self.table.tip_lever_m)
-        here = replace(room, bias_rps=self.travel.bias_rps)
-        largest, self._limited_by = min(here.largest(per_nm), (self._set_point_room_nm(self.travel), SET_POINTS))
         small = PILOT_FRACTION * self.table.limits.torque_nm
-        amplitude = min(largest, LARGEST_RISE * small)
+        amplitude = self._largest(rough, room)
         if amplitude <= 0.02 * small:
             raise self._refused(
                 f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission error "
@@ -305,14 +303,28 @@ class PlantIdentification:
         self.remarks.append(f"a pilot run chose the amplitude of {amplitude:.3g} N·m; the {self._limited_by} limits it")
         return amplitude
 
-    def _main(self, amplitude: float, friction: Friction, near: PlantEstimate) -> tuple[PlantEstimate, float]:
-        """Fit the plant to as many main runs as needed.
+    def _largest(self, rough: PlantEstimate, room: Room) -> float:
+        """Largest amplitude of the travel's wave within all limits."""
+        law = self.table.gains("its plant").cascade()
+        per_nm = predicted_peaks(rough, self.travel, self.excited, law, self._control_s, self.table.tip_lever_m)
+        here = replace(room, bias_rps=self.travel.bias_rps)
+        largest, self._limited_by = min(here.largest(per_nm), (self._set_point_room_nm(self.travel), SET_POINTS))
+        return min(largest, LARGEST_RISE * PILOT_FRACTION * self.table.limits.torque_nm)
+
+    def _main(
+        self, amplitude: float, friction: Friction, near: PlantEstimate, room: Room, band: Band
+    ) -> tuple[PlantEstimate, float]:
+        """Fit the plant to as many main runs as needed, each with a wave of its own.
 
         Returns also the amplitude of the last runs.
         """
         runs: list[tuple[PlannedMotion, Recording]] = []
         calmed = False
         for number in range(1, MOST_RUNS + 1):
+            if runs:
+                self.travel = with_wave(self.travel, len(runs), self.bench, self.request, band, self.excited)
+            if runs and self.request.amplitude_nm is None:
+                amplitude = (CALMER if calmed else 1.0) * self._largest(near, room)
             self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rev/s")
             planned = self._excited(self.travel, amplitude)
             result = self._run("main" if number == 1 else f"main-{number}", planned)
@@ -405,7 +417,7 @@ class PlantIdentification:
                 used += (part.stop - part.start) // samples
                 seen = None if felt is None else felt[part]
                 orders_hz = tuple(order * abs(speed_rps) for order in ORDERS)
-                stretches.append(Stretch(planned.excitation[part], angle[part], torque[part], seen, orders_hz))
+                stretches.append(Stretch(planned.excitation[part], angle[part], torque[part], seen, orders_hz, planned.wave))
         if used < planned_periods:
             self.remarks.append(
                 f"{planned_periods - used} of {planned_periods} periods were left out: answers were missing in them"

@@ -7,7 +7,7 @@ On an arm all of them stay near the present position (`arm_travel_rev`), as slow
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -99,6 +99,7 @@ class Travel:
 
     Attributes:
         wave: One period of the excitation.
+        number: Number of that wave: each has phases of its own.
         per_stretch: Periods of each stretch that are evaluated, after one to settle.
         stretches: Number of stretches, back and forth.
     """
@@ -109,6 +110,7 @@ class Travel:
     stretches: int
     low_rev: float
     high_rev: float
+    number: int = 0
 
     @property
     def samples(self) -> int:
@@ -186,6 +188,23 @@ def plan_travel(
     raise UnsafeRequestError(what, needed, high - low, "rev", f"lower --bias-rps (the limits leave {high - low:.4g} rev)")
 
 
+def with_wave(travel: Travel, number: int, bench: Bench, request: PlantRequest, band: Band, excited: ExcitedSignal) -> Travel:
+    """Travel with another wave of the same lines; a chirp has only one.
+
+    Another run of the same wave repeats what is rounded, and what a nonlinear gear distorts; with other phases that is
+    independent of it, and the mean over the runs loses it.
+
+    Args:
+        number: Number of the wave.
+        band: Band of the travel.
+        excited: Signal to which the excitation is added.
+    """
+    if request.shape == "chirp":
+        return travel
+    table, sync_s = axis_table(bench, request.axis), bench.bus.sync_period_s
+    return replace(travel, wave=_wave(request, band, travel.wave.period_s, sync_s, table, excited, number), number=number)
+
+
 def arm_travel_rev(bench: Bench, axis: int) -> float:
     """Motor revolutions, end to end, of a stretch on an arm.
 
@@ -222,7 +241,7 @@ def _check_request(request: PlantRequest, band: Band, limits: Limits) -> None:
 
 
 def _wave(
-    request: PlantRequest, band: Band, period_s: float, sync_s: float, table: AxisTable, excited: ExcitedSignal
+    request: PlantRequest, band: Band, period_s: float, sync_s: float, table: AxisTable, excited: ExcitedSignal, number: int = 0
 ) -> Excitation:
     """One period of the excitation with a peak of 1 N·m.
 
@@ -244,8 +263,8 @@ def _wave(
                 f"axis {request.axis} has no position gain or no velocity gain, so a reference excites nothing; "
                 "choose --excitation torque"
             )
-    make = multisine if request.shape == "multisine" else chirp
-    wave = make(lines, 1.0 / np.abs(gain), samples, sync_s)
+    is_chirp, amplitude = request.shape == "chirp", 1.0 / np.abs(gain)
+    wave = chirp(lines, amplitude, samples, sync_s) if is_chirp else multisine(lines, amplitude, samples, sync_s, number)
     if excited == "torque":
         return wave
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
@@ -319,6 +338,7 @@ class PlannedMotion:
         excitation: Excitation in N·m or rad; shape (n,).
         stretches: Evaluated rows at constant speed.
         speeds_rps: Speeds of the stretches, signed.
+        wave: Number of the excitation's wave.
     """
 
     motion: Motion
@@ -326,6 +346,7 @@ class PlannedMotion:
     excitation: Real
     stretches: tuple[slice, ...]
     speeds_rps: tuple[float, ...]
+    wave: int = 0
 
 
 def planned(
@@ -404,4 +425,4 @@ def excited_motion(
         speeds.append(speed)
     builder.go(0.0, bench, request.axis)
     builder.rest(0.1)
-    return planned(builder, request, excited, stretches, speeds)
+    return replace(planned(builder, request, excited, stretches, speeds), wave=travel.number)

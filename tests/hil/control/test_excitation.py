@@ -40,6 +40,19 @@ def test_a_multisine_has_its_amplitudes_on_its_lines_and_nothing_between() -> No
     assert np.delete(spectrum, LINES).max() < 1e-9 * on[0]
 
 
+def test_another_wave_has_the_same_lines_and_little_peak_but_other_phases() -> None:
+    spectra = []
+    for number in range(4):
+        found = multisine(LINES, FLAT, 1000, SYNC, number)
+        assert found.crest_factor < 1.6
+        line = np.fft.rfft(found.wave)[LINES]
+        assert np.allclose(np.abs(line), np.abs(line[0]))
+        spectra.append(line / np.abs(line))
+    for one in range(4):
+        for other in range(one):
+            assert abs(np.mean(spectra[one] * spectra[other].conj())) < 4.0 / math.sqrt(len(LINES))
+
+
 def test_a_chirp_fills_its_band_and_goes_on_where_it_began() -> None:
     wave = chirp(LINES, FLAT, 1000, SYNC).wave
     spectrum = np.abs(np.fft.rfft(wave))

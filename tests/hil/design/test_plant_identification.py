@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from hil.control.cascade import Cascade
-from hil.control.excitation import quiet_bias_rps
+from hil.control.excitation import multisine, quiet_bias_rps
 from hil.design.estimation import FAR_SIGMAS, UnidentifiableError
 from hil.design.frequency import TwoInertia
 from hil.design.plant_identification import (
@@ -17,7 +17,8 @@ from hil.design.plant_identification import (
     sine_of_same_spring_rad,
 )
 from hil.design.plant_problem import LAG as LAG_AT
-from hil.design.plant_problem import PlantProblem, SamplingTiming, angle_response, tip_response
+from hil.design.plant_problem import LEVER as LEVER_AT
+from hil.design.plant_problem import PlantProblem, SamplingTiming, Scatter, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 
 PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
@@ -162,6 +163,20 @@ def test_too_little_is_refused_with_the_number_needed(periods: int, lines: int, 
     assert caught.value.value < caught.value.needed
 
 
+def test_a_lever_without_end_is_left_for_the_bench_files() -> None:
+    """It leaves nothing of a tip whose images are open: 51325, 30 Hz and 8 ms, had 10¹⁶ times its lever, and a delay 13 ms off."""
+    problem = PlantProblem(synthetic(1), timing(), 120.0, LEVER, 0.0)
+    x = problem.start(np.log([PLANT.motor_inertia_kg_m2, PLANT.arm_inertia_kg_m2, PLANT.gear_stiffness_nm_rad, 10.0, 1.0]))
+    x[4] = PLANT.motor_damping_nm_s_rad
+    problem.focus(PLANT.antiresonance_hz)
+    x[LEVER_AT] = math.log(1.9)
+    assert all(each[LEVER_AT] == x[LEVER_AT] for each in problem.with_other_delay(x))
+    x[LEVER_AT] = 20.0
+    *_, fresh = problem.with_other_delay(x)
+    assert fresh[LEVER_AT] == 0.0
+    assert np.array_equal(fresh[:LEVER_AT], x[:LEVER_AT])
+
+
 # -- spectra -----------------------------------------------------------------------------------------------------------
 
 
@@ -189,6 +204,41 @@ def test_orders_of_the_transmission_error_are_neither_signal_nor_scatter(*, whol
     for rows in (found.angle, found.torque, found.tip):
         assert rows is not None
         assert np.allclose(rows, 0.01, atol=1e-9)
+
+
+def test_what_follows_other_waves_is_turned_to_the_first() -> None:
+    lines, samples, delay = np.array([3, 7, 40]), 500, 4
+    waves = [(number + 1.0) * multisine(lines, np.ones(3), samples, SYNC, number).wave for number in range(3)]
+    stretches = [
+        Stretch(np.tile(wave, 3), np.tile(2.0 * np.roll(wave, delay), 3), np.tile(-wave, 3), np.tile(wave, 3), wave=number)
+        for number, wave in enumerate(waves)
+    ]
+    found = spectra(stretches, samples, lines, SYNC)
+    late = np.exp(-2j * math.pi * lines * delay / samples)
+    assert found.waves is not None
+    assert found.waves.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert np.allclose(found.excitation, found.excitation[0])
+    assert np.allclose(found.angle, 2.0 * late * found.excitation[0], atol=1e-6)
+    assert found.tip is not None
+    assert np.allclose(found.tip, found.excitation[0], atol=1e-6)
+
+
+def test_what_comes_back_with_a_wave_is_scatter_between_waves() -> None:
+    """Rounding and distortion are the same in all periods of a wave: they left 40 standard errors of 40 periods of one wave."""
+    rng, waves, lines = np.random.default_rng(3), np.repeat(np.arange(4), 10), 60
+
+    def noise(count: int, size: float) -> np.ndarray:
+        return size * (rng.standard_normal((count, lines)) + 1j * rng.standard_normal((count, lines))) / math.sqrt(2.0)
+
+    stated, true = [], []
+    for _ in range(50):
+        output, given = noise(4, 1.0)[waves] + noise(40, 0.5), noise(40, 0.5)
+        stated.append(Scatter.of(output, given, waves).output)
+        true.append(np.abs(output.mean(axis=0)) ** 2)
+        assert np.median(Scatter.of(output, given).output) < 0.2 * np.median(stated[-1])
+    assert np.mean(stated) == pytest.approx(np.mean(true), rel=0.1)
+    alike = [Scatter.of(noise(40, 0.5), given, waves).output / (0.25 / 40.0) for _ in range(50)]
+    assert 1.0 < np.mean(alike) < 1.25  # the larger of two counts
 
 
 def test_a_stretch_of_broken_periods_is_refused() -> None:
