@@ -164,7 +164,7 @@ def test_too_little_is_refused_with_the_number_needed(periods: int, lines: int, 
 
 
 def test_a_lever_without_end_is_left_for_the_bench_files() -> None:
-    """It leaves nothing of a tip whose images are open: 51325, 30 Hz and 8 ms, had 10¹⁶ times its lever, and a delay 13 ms off."""
+    """It leaves nothing of a tip whose images are open: 51325 (30 Hz, 8 ms) had 10¹⁶ times its lever, and a delay 13 ms off."""
     problem = PlantProblem(synthetic(1), timing(), 120.0, LEVER, 0.0)
     x = problem.start(np.log([PLANT.motor_inertia_kg_m2, PLANT.arm_inertia_kg_m2, PLANT.gear_stiffness_nm_rad, 10.0, 1.0]))
     x[4] = PLANT.motor_damping_nm_s_rad
