@@ -29,7 +29,7 @@ _ONLY_WITH = {"rated_torque_step_nm": "rated_torque", "signature": "object", "wa
 """Fields that say something only of an object that the drive has, with the field of that object."""
 _UNITS = {"_s": "s", "_a": "A", "_hz": "Hz", "_nm": "N·m"}
 _COMMAND = "drive-profiles pages --out docs/drives"
-_QUESTIONS = {
+QUESTIONS = {
     "p_pi_inside": "position P, velocity PI inside the drive",
     "notch_inside": "the notch inside the drive",
     "notch_variable_while_moving": "the notch follows the speed during a motion",
@@ -55,7 +55,7 @@ def page(profile: Profile) -> str:
         *_capabilities(profile),
         *_notch_held(profile),
     ]
-    for title, fact in _facts(profile):
+    for title, fact in facts(profile):
         parts += [f"## {title}", *_fact(fact, sources)]
     if profile.aborts:
         rows = [(f"0x{a.code:08X}", a.text, sources.evidence(a)) for a in profile.aborts]
@@ -171,8 +171,8 @@ class _Sources:
 
     def __init__(self, profile: Profile) -> None:
         members = profile.members
-        sources = [fact.source for _, fact in _facts(profile)] + [each.source for each in (*profile.aborts, *profile.fault_codes)]
-        sources += [fact.source for member in members for _, fact in _facts(member)]
+        sources = [fact.source for _, fact in facts(profile)] + [each.source for each in (*profile.aborts, *profile.fault_codes)]
+        sources += [fact.source for member in members for _, fact in facts(member)]
         sources += [entry.source for member in members for entry in member.parameters.values()]
         self.all = list(dict.fromkeys(sources))
 
@@ -182,7 +182,8 @@ class _Sources:
         return f"{sign}{fact.evidence} [{self.all.index(fact.source) + 1}]"
 
 
-def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
+def facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
+    """Yield the tables of facts that a profile has, each with its title."""
     named = (
         ("Identity", profile.identity),
         ("Modes", profile.modes),
@@ -199,18 +200,23 @@ def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
 
 
 def _unverified(profile: Profile) -> int:
-    facts = [*(fact for _, fact in _facts(profile)), *profile.aborts, *profile.fault_codes, *profile.parameters.values()]
+    stated: list[Fact] = [
+        *(fact for _, fact in facts(profile)),
+        *profile.aborts,
+        *profile.fault_codes,
+        *profile.parameters.values(),
+    ]
     for product in profile.products:
-        facts += [product, *product.facts.values()]
-        facts += [product.parameters[name].of(profile.parameters.get(name), product) for name in product.parameters]
-    return sum(not fact.is_verified for fact in facts)
+        stated += [product, *product.facts.values()]
+        stated += [product.parameters[name].of(profile.parameters.get(name), product) for name in product.parameters]
+    return sum(not fact.is_verified for fact in stated)
 
 
 def _capabilities(profile: Profile) -> Iterator[str]:
     if profile.capabilities is None:
         return
     yield "## Control loop"
-    rows = [(_QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in profile.capabilities]
+    rows = [(QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in profile.capabilities]
     yield _table(("what", "answer", "why"), rows)
 
 
@@ -244,12 +250,7 @@ def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tupl
 
 def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
     """Yield the table of one fact of a profile."""
-    rows = [
-        (_label(name), text)
-        for name, value in fact
-        if name not in _OWN_TABLE and not _is_silent(fact, name) and (text := _text(name, value))
-    ]
-    if rows:
+    if rows := fact_rows(fact):
         yield _table(("fact", "value"), rows)
     if isinstance(fact, LoopFacts) and fact.gains:
         yield _gains(fact)
@@ -263,6 +264,15 @@ def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
     if note:
         yield note
     yield f"Evidence: {sources.evidence(fact)}."
+
+
+def fact_rows(fact: Fact) -> list[tuple[str, str]]:
+    """Return names and values of a fact's fields, without those that are not known."""
+    return [
+        (_label(name), text)
+        for name, value in fact
+        if name not in _OWN_TABLE and not _is_silent(fact, name) and (text := _text(name, value))
+    ]
 
 
 def _is_silent(fact: Fact, name: str) -> bool:
@@ -318,9 +328,9 @@ def _differences(first: Profile, product: Product, member: Profile, sources: _So
     if product.absent:
         yield f"It does not have {', '.join(f'`{name}`' for name in product.absent)}."
     if product.capabilities:
-        answers = [(_QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in product.capabilities.items()]
+        answers = [(QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in product.capabilities.items()]
         yield _table(("what", "answer", "why"), answers)
-    for title, fact in _facts(member):
+    for title, fact in facts(member):
         if fact in product.facts.values():
             yield f"**{title}**"
             yield from _fact(fact, sources)

@@ -74,7 +74,7 @@ COMMANDS = {
     "an export onto its source": (hil, ("export", "log.mf4", "--to", "log.mf4"), 2, "log.mf4: is the source itself; expected"),
     "a folder to show that is missing": (hil, ("scope", "no"), 2, "'no' does not exist"),
     "a file to show": (hil, ("scope", "x.log"), 2, "'x.log' is a file"),
-    "a node that none can be": (hil, ("scope", *NOWHERE, "--ask", "2,²"), 2, "--ask: '²' is not a node-ID; expected 1 to 127"),
+    "a node that none can be": (hil, ("scope", *NOWHERE, "--ask", "2,²"), 2, "--ask: 2,²: expected a comma-separated list"),
     "a file as a bus": (hil, (*RUN, "--bus", "local:x.log"), 4, "x.log is a file; expected the socket of an emulator"),
     "a folder as a bus": (hil, (*RUN, "--bus", "local:old"), 4, "old is a folder; expected the socket of an emulator"),
     "no adapter": (

@@ -20,6 +20,7 @@ from drive_profiles.address import AddressError
 from drive_profiles.cli.entry import interrupted
 from drive_profiles.cli.tables import lines
 from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError
+from drive_profiles.standard.shown import numbers_of
 from drive_profiles.upload.interrupt import InterruptWindow
 
 
@@ -124,6 +125,18 @@ def numbered(option: str, given: Iterable[str] | None, form: str = "AXIS=VALUE")
             raise fail(f"{option}: {what.lower()} {number} is given twice; give it once", ExitStatus.USAGE)
         values[int(number)] = value
     return values
+
+
+def listed(option: str, text: str, what: str) -> tuple[int, ...]:
+    """Return the node-IDs or axes of an option such as 2,3 or 1-40, from 1 to 127.
+
+    Raises:
+        typer.Exit: See `numbers_of`.
+    """
+    try:
+        return numbers_of(text, what, 1, 127)
+    except ValueError as error:
+        raise fail(f"{option}: {error}", ExitStatus.USAGE) from None
 
 
 def print_json(document: Any) -> None:

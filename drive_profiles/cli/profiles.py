@@ -67,18 +67,21 @@ def show(name: ProfileName, *, as_json: JsonOption = False) -> None:
     Example: drive-profiles show emulated_drive
     """
     from drive_profiles.family.profile import Profile
+    from drive_profiles.pages import QUESTIONS, fact_rows, facts
 
     with exit_on_error():
         profile = Profile.load(name)
     if as_json:
         print_json(profile.model_dump(by_alias=True))
         return
-    table("", ("fact", "value", "evidence"), _facts(profile))
+    rows = [("", "name", profile.label, ""), ("", "title", profile.title, ""), ("", "kind", profile.kind, "")]
+    for title, fact in facts(profile):
+        note = str(getattr(fact, "note", ""))
+        rows += [(title, what, text, fact.evidence) for what, text in (*fact_rows(fact), ("note", note)) if text]
+    table("", ("of", "fact", "value", "evidence"), rows)
     if profile.capabilities is not None:
-        rows = [
-            (_CAPABILITIES.get(name, name.replace("_", " ")), entry.answer, entry.reason) for name, entry in profile.capabilities
-        ]
-        table("capabilities", ("what", "answer", "reason"), rows)
+        answers = [(QUESTIONS[name], entry.answer, entry.reason) for name, entry in profile.capabilities]
+        table("capabilities", ("what", "answer", "reason"), answers)
     if profile.products:
         members = [_product(member) for member in profile.members]
         title = f"products: drive-profiles show {profile.name}/PRODUCT"
@@ -118,9 +121,6 @@ def _product(member: "Profile") -> dict[str, str]:
     }
 
 
-_CAPABILITIES = {"p_pi_inside": "P-PI inside", "host_closed": "host-closed"}
-
-
 def _step(entry: "Parameter") -> str:
     """Return the value of one step on the wire, if not 1."""
     if isinstance(entry.scale, str):
@@ -128,45 +128,5 @@ def _step(entry: "Parameter") -> str:
     return "" if entry.scale == 1.0 else f"{number(entry.scale)} {unit(entry.unit)}".rstrip()
 
 
-def _facts(profile: "Profile") -> list[tuple[str, ...]]:
-    identity, sync, store = profile.identity, profile.sync, profile.store
-    products = ", ".join(_number_or_unknown(member.identity.product_code) for member in profile.members)
-    facts: list[tuple[str, ...]] = [
-        ("name", profile.label, ""),
-        ("title", profile.title, ""),
-        ("kind", profile.kind, ""),
-        ("device type (1000h)", _number_or_unknown(identity.device_type), identity.evidence),
-        ("vendor (1018h:1)", f"0x{identity.vendor_id:08X}", identity.evidence),
-        ("product (1018h:2)", products, identity.evidence),
-        ("revision (1018h:3)", "any" if identity.revision is None else f"0x{identity.revision:X}", identity.evidence),
-        ("SYNC period", f"{_ms(sync.min_period_s)} to {_ms(sync.max_period_s)} ms", sync.evidence),
-        ("store command", store.note if store.object is None else f"{store.object}, up to {store.wait_s:g} s", store.evidence),
-    ]
-    if profile.modes is not None:
-        facts.append(("modes (6502h)", ", ".join(profile.modes.names), profile.modes.evidence))
-    if profile.loop is not None:
-        period = profile.loop.period_s
-        facts.append(("loop", profile.loop.structure, profile.loop.evidence))
-        facts.append(("control period", "not known" if period is None else f"{1e6 * period:g} µs", profile.loop.evidence))
-    if profile.notch is not None:
-        notch = profile.notch
-        span = f"{_or_unknown(notch.min_frequency_hz)} to {_or_unknown(notch.max_frequency_hz)} Hz"
-        number_of = f"{len(notch.sections)} section{'' if len(notch.sections) == 1 else 's'}"
-        facts.append(("filter", f"{notch.form}, {number_of}, {span}; place: {notch.place}", notch.evidence))
-    if profile.torque is not None:
-        rated = profile.torque.rated_torque
-        step = f"{rated}, steps of {number(profile.torque.rated_torque_step_nm)} N·m"
-        facts.append(("rated torque", "not known" if rated is None else step, profile.torque.evidence))
-    return facts
-
-
 def _number_or_unknown(value: int | None) -> str:
     return "not known" if value is None else f"0x{value:08X}"
-
-
-def _ms(period_s: float | None) -> str:
-    return "?" if period_s is None else f"{1e3 * period_s:g}"
-
-
-def _or_unknown(value: float | None) -> str:
-    return "?" if value is None else f"{value:g}"

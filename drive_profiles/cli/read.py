@@ -2,7 +2,6 @@
 
 import datetime
 import math
-import re
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,7 @@ import typer
 from drive_profiles.address import parse_address
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_objects
-from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
+from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, listed, print_json, progress, table
 from drive_profiles.cli.options import (
     ALL,
     BusOption,
@@ -55,7 +54,7 @@ def scan(
     from drive_profiles.device.device import identity_at
     from drive_profiles.device.target import matching
 
-    wanted = _nodes(nodes)
+    wanted = listed("--nodes", nodes, "node-ID")
     with exit_on_error(), SdoBus(bus, timeout_s) as opened:
         there = opened.answering(wanted)
         rows = []
@@ -73,20 +72,6 @@ def scan(
         raise fail(
             f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply", ExitStatus.NODE
         )
-
-
-def _nodes(text: str) -> list[int]:
-    numbers: set[int] = set()
-    for part in text.split(","):
-        first, _, last = part.partition("-")
-        if re.fullmatch(r"\s*\d{1,3}\s*(-\s*\d{1,3}\s*)?", part) is None:
-            raise fail(f"--nodes {text}: expected node-IDs as 1-127, or 1,2,5", ExitStatus.USAGE)
-        if last and int(last) < int(first):
-            raise fail(f"--nodes {text}: {first}-{last} is in descending order", ExitStatus.USAGE)
-        numbers |= set(range(int(first), int(last or first) + 1))
-    if not numbers or not numbers <= set(range(1, 128)):
-        raise fail(f"--nodes {text}: node-IDs are 1 to 127", ExitStatus.USAGE)
-    return sorted(numbers)
 
 
 def _row(identity: "DeviceIdentity", names: list[str]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import contextlib
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import can
@@ -154,7 +154,7 @@ class SdoBus:
         if self._lost is not None:
             raise BusError(f"bus {self.address} lost: {self._lost}")
 
-    def answering(self, nodes: range | list[int]) -> list[int]:
+    def answering(self, nodes: Sequence[int]) -> list[int]:
         """Return the nodes that answer a read of 1000h, in rising order."""
         for node in nodes:
             self._line(node).clear()

@@ -211,9 +211,7 @@ class Device:
         torque = self.profile.torque if self.profile else None
         named = [torque.rated_torque] if torque else []
         if encoder:
-            named += [encoder.increments, encoder.revolutions]
-            if encoder.feed:
-                named += [encoder.feed, encoder.feed_shaft_revs, encoder.gear_motor_revs, encoder.gear_shaft_revs, *encoder.zero]
+            named += [encoder.increments, encoder.revolutions, *encoder.feed_objects.values(), *encoder.zero]
         return {object_address(address) for address in named if address}
 
     def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
@@ -254,13 +252,7 @@ class Device:
         for address in facts.zero:
             if self._number(address):
                 raise RefusedError(f"node {self.node} has units of its own, which are not supported: {address} is not 0")
-        named = {
-            "gear_motor_revs": facts.gear_motor_revs,
-            "gear_shaft_revs": facts.gear_shaft_revs,
-            "feed": facts.feed,
-            "feed_shaft_revs": facts.feed_shaft_revs,
-        }
-        return {name: self._number(address) for name, address in named.items() if address} if facts.feed else {}
+        return {name: self._number(address) for name, address in facts.feed_objects.items()}
 
     def _rated_torque_nm(self) -> float:
         facts = self.profile.torque if self.profile else None

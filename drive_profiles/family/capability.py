@@ -251,6 +251,12 @@ class EncoderFacts(Fact):
     counts_per_rev: Annotated[int, pydantic.Field(gt=0)] | None = None
     note: str = ""
 
+    @property
+    def feed_objects(self) -> dict[str, str]:
+        """Objects of gear ratio and feed constant, by their names in `Scaling`; empty where positions do not use them."""
+        names = ("gear_motor_revs", "gear_shaft_revs", "feed", "feed_shaft_revs")
+        return {name: address for name in names if (address := getattr(self, name))} if self.feed and self.feed_shaft_revs else {}
+
 
 class LoadEncoderFacts(Fact):
     """Facts about a second encoder, which measures the joint's load side.

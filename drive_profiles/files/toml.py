@@ -140,6 +140,33 @@ def toml_value(value: object, *, hexadecimal: bool = False) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")  # which JSON lets stand, and TOML does not
 
 
+def table_lines(values: Mapping[Any, Any], name: str = "") -> list[str]:
+    """Return the lines of a table: its plain values, then its tables and lists of tables.
+
+    >>> table_lines({"robot": "r", "axis": {2: {"size": {"0.5": 1.0}, "notch": [{"order": 2}]}}})
+    ['robot = "r"', '', '[axis.2.size]', '"0.5" = 1.0', '', '[[axis.2.notch]]', 'order = 2']
+    """
+    lines: list[str] = []
+    tables: list[tuple[str, bool, dict[Any, Any]]] = []
+    for key, value in values.items():
+        own = str(key) if re.fullmatch(r"[A-Za-z0-9_-]+", str(key)) else toml_value(key)  # bare, a0.5_arcsec would be two keys
+        path = f"{name}.{own}" if name else own
+        if isinstance(value, dict):
+            tables.append((path, False, value))
+        elif isinstance(value, tuple | list) and value and isinstance(value[0], dict):
+            tables += [(path, True, each) for each in value]
+        else:
+            lines.append(f"{own} = {toml_value(value)}")
+    for path, is_listed, inside in tables:
+        found = table_lines(inside, path)
+        if is_listed:
+            found = [f"[[{path}]]", *found]
+        elif found and not found[0].startswith("["):  # a table of tables needs no head
+            found = [f"[{path}]", *found]
+        lines += ["", *found] if lines and found else found
+    return lines
+
+
 def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
     """Validate the text of a TOML file; `load` without the reading.
 

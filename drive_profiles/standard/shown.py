@@ -4,6 +4,7 @@ Numbers have four digits and units, words of bits are hexadecimal. Files and JSO
 """
 
 import math
+import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -106,3 +107,28 @@ def spans(numbers: Iterable[int]) -> str:
         else:
             found.append([each, each])
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in found)
+
+
+_SPAN = re.compile(r"(\d{1,10})(?:\s*-\s*(\d{1,10}))?", re.ASCII)
+
+
+def numbers_of(text: str, what: str, low: int, high: int, most: int = 1000) -> tuple[int, ...]:
+    """Return the whole numbers that a text such as `7` or `1-3,9` names, as `spans` writes them.
+
+    Raises:
+        ValueError: It names none from `low` to `high`, one twice, or more than `most`.
+    """
+    found: list[int] = []
+    for part in map(str.strip, text.split(",")):
+        span = _SPAN.fullmatch(part)
+        first, last = (0, -1) if span is None else (int(span[1]), int(span[2] or span[1]))
+        if span is None or first < low or last > high:
+            raise ValueError(f"{text}: expected a comma-separated list of {what}s from {low} to {high}, such as 7 or 1-3,9")
+        if last < first:
+            raise ValueError(f"{text}: {part} ends before it begins")
+        if len(found) + last - first >= most:
+            raise ValueError(f"{text}: expected at most {most} {what}s")
+        if twice := set(found).intersection(range(first, last + 1)):
+            raise ValueError(f"{text}: {what} {min(twice)} is given twice")
+        found += range(first, last + 1)
+    return tuple(found)

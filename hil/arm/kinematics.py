@@ -237,25 +237,7 @@ def rotation_vector(rotation: Real) -> Real:
 
     Shape (..., 3, 3) gives (..., 3).
     """
-    rotation = np.asarray(rotation, dtype=np.float64)
-    twist = 0.5 * np.stack(
-        [
-            rotation[..., 2, 1] - rotation[..., 1, 2],
-            rotation[..., 0, 2] - rotation[..., 2, 0],
-            rotation[..., 1, 0] - rotation[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    sine = np.linalg.norm(twist, axis=-1)
-    cosine = 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    factor = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0)
-    found = np.asarray(twist * factor[..., np.newaxis])
-    back = (sine <= 1e-6) & (cosine < 0.0)  # half a turn: the axis is the largest column of R + 1
-    if np.any(back):
-        columns = rotation + np.eye(3)
-        largest = np.argmax(np.linalg.norm(columns, axis=-2), axis=-1)
-        axis = np.take_along_axis(columns, largest[..., np.newaxis, np.newaxis], axis=-1)[..., 0]
-        axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-300)
-        found = np.where(back[..., np.newaxis], math.pi * axis, found)
-    return found
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to load, and for lines with a given tool alone
+
+    turns = Rotation.from_matrix(np.reshape(rotation, (-1, 3, 3)))
+    return np.asarray(turns.as_rotvec()).reshape(np.shape(rotation)[:-1])

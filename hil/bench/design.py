@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drive_profiles.files.toml import Table, load, toml_value
+from drive_profiles.files.toml import Table, load, table_lines
 from hil.bench.bench import Bench
 from hil.bench.robot_file import RobotFile
 from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
@@ -53,13 +53,7 @@ class Designs(RobotFile):
 
     def dumps(self) -> str:
         """Return the file as TOML."""
-        lines = [f"robot = {toml_value(self.robot)}"]
-        for number, axis in sorted(self.axis.items()):
-            lines += ["", f"[axis.{number}]"]
-            plain = axis.model_dump(exclude={"notch"})
-            lines += [f"{key} = {toml_value(value)}" for key, value in plain.items()]
-            lines += ["", *snippet(number, axis.notch)]
-        return "\n".join(lines) + "\n"
+        return "\n".join(table_lines(self.model_dump())) + "\n"
 
 
 def load_designs(path: Path) -> Designs:
@@ -79,7 +73,7 @@ def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> D
         NotPossibleError: The file belongs to another robot.
     """
     known = Designs.known(path, robot)
-    updated = known.model_copy(update={"axis": {**known.axis, number: axis}})
+    updated = known.model_copy(update={"axis": dict(sorted({**known.axis, number: axis}.items()))})
     updated.save(path)
     return updated
 
@@ -107,8 +101,4 @@ def notch_table(notch: Notch) -> NotchTable:
 
 def snippet(number: int, tables: tuple[NotchTable, ...]) -> list[str]:
     """Lines for a bench file or a design file."""
-    lines: list[str] = []
-    for table in tables:
-        lines += ["" for _ in lines[:1]]
-        lines += [f"[[axis.{number}.notch]]", *(f"{key} = {toml_value(value)}" for key, value in table.model_dump().items())]
-    return lines
+    return table_lines({"axis": {number: {"notch": [table.model_dump() for table in tables]}}})

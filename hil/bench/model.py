@@ -1,7 +1,6 @@
 """Model file: identified plants and transmission errors of a robot."""
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from drive_profiles.files.toml import Table, load, toml_value
+from drive_profiles.files.toml import Table, load, table_lines
 from hil.bench.bench import Bench, Model
 from hil.bench.robot_file import RobotFile
 from hil.control.order_keys import amplitude_key, phase_key
@@ -345,18 +344,9 @@ class Identified(RobotFile):
 
     def dumps(self) -> str:
         """The file as TOML, the inverse of `loads`."""
-        lines = [f"robot = {toml_value(self.robot)}"]
-        for number, axis in self.axis.items():
-            for name in ("plant", "ate"):
-                part = getattr(axis, name)
-                if part is not None:
-                    lines += ["", *_table(f"axis.{number}.{name}", part.model_dump(exclude_none=True))]
-            for posture in axis.posture:
-                values = posture.model_dump(exclude_none=True)
-                lines += ["", f"[[axis.{number}.posture]]", *(f"{key} = {toml_value(value)}" for key, value in values.items())]
-        if self.arm is not None:
-            lines += ["", *_table("arm", self.arm.model_dump(exclude_none=True))]
-        return "\n".join(lines) + "\n"
+        values = self.model_dump(exclude_none=True)
+        values["axis"] = {number: {name: part for name, part in axis.items() if part} for number, axis in values["axis"].items()}
+        return "\n".join(table_lines(values)) + "\n"
 
 
 def load_identified(path: Path) -> Identified:
@@ -438,21 +428,3 @@ def stiffness_of(modes: Sequence[IdentifiedMode]) -> float:
     alone: the limit of Σ J_i s² ω_i²/(s² + ω_i²).
     """
     return sum(mode.inertia_kg_m2 * (2.0 * math.pi * mode.antiresonance_hz) ** 2 for mode in modes)
-
-
-def _table(name: str, values: Mapping[str, Any]) -> list[str]:
-    """A table with its plain values first, then its tables."""
-    lines = [f"[{name}]"]
-    lines += [f"{_key(key)} = {toml_value(value)}" for key, value in values.items() if not isinstance(value, dict)]
-    for key, value in values.items():
-        if isinstance(value, dict) and value:
-            lines += ["", *_table(f"{name}.{key}", value)]
-    return lines
-
-
-def _key(name: str) -> str:
-    """Return a key as TOML writes it.
-
-    Without quotes, `a0.5_arcsec` would be two keys.
-    """
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)

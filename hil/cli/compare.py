@@ -11,7 +11,7 @@ import typer
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_list, complete_reference
-from drive_profiles.cli.console import fail, terminal_width
+from drive_profiles.cli.console import fail
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, MotionOptions, shown_live
@@ -200,7 +200,6 @@ def _confirm(plans: list["ComparisonPlan"]) -> None:
 def _run(plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path, repeat: int, given: MotionOptions) -> None:
     """Run, write the report, print the table, exit with the status."""
     from hil.experiments.comparison.run import compare as run_all
-    from hil.experiments.comparison.table import summary
 
     for each in plans:
         for reason in dict.fromkeys(left.reason for left in each.left_out):
@@ -210,8 +209,7 @@ def _run(plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path,
     total = sum(len(each.experiments) for each in plans)
     with console.RunProgress(total, is_live=all(console.is_on_local_bus(each.robot.bench) for each in plans)) as progress:
         done = run_all(plans, request, out, overload=given.overload, repeat=repeat, reporter=progress)
-    lines = summary(done.result, terminal_width())
-    console.tell_result(done.result, out, lambda: console.echo_lines(lines), as_json=given.as_json)
+    console.tell_result(done.result, out, lambda: console.show_comparison(done.result), as_json=given.as_json)
     console.say_not_restored(done.not_restored)
     if done.failure is not None:
         raise console.exit_with(done.failure)

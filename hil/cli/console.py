@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from drive_profiles.address import LOCAL, AddressError, choose_bus, parse_address
-from drive_profiles.cli.console import ToolExitStatus, epilog
+from drive_profiles.cli.console import ToolExitStatus, epilog, table
 from drive_profiles.cli.entry import interrupted
 from drive_profiles.errors import DriveProfileError
 from hil.errors import HilError, not_restored_words
@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.measurement import MeasurementOutcome
     from hil.experiments.plan import Experiment
     from hil.results.base import Result
+    from hil.results.comparison import TreatmentTable
 
 SHOWN_LEFT_OUT = 10
 
@@ -165,6 +166,19 @@ def echo_lines(lines: Iterable[str], *, err: bool = False) -> None:
     """Print lines on standard output, or on standard error."""
     for line in lines:
         typer.echo(line, err=err)
+
+
+def show_comparison(result: "TreatmentTable", *, err: bool = False) -> None:
+    """Print the tables of a comparison's report, a table for each experiment."""
+    from hil.counting import axes_in_words
+    from hil.report.tables import compare
+
+    for robot in result.robots:
+        line = f", line motion of {axes_in_words(robot.line_axes)}" if robot.line_axes else ""
+        typer.echo(f"{robot.name} ({robot.bus}){line}", err=err)
+    for made in (*(compare.experiment(result, *case) for case in compare.cases(result)), compare.left_out(result)):
+        if made.rows:
+            table(made.title, made.header, [tuple(map(str, row)) for row in made.rows], err=err)
 
 
 def tell_result(result: "Result", where: Path, summary: Callable[[], None], model: Path | None = None, *, as_json: bool) -> None:

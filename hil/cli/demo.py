@@ -13,7 +13,6 @@ import typer
 
 from drive_profiles.cli.application import command, folded
 from drive_profiles.cli.completion import complete_reference
-from drive_profiles.cli.console import terminal_width
 from hil.cli import console
 from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, LiveOption, shown_live
@@ -170,12 +169,11 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
 
 def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int:
     """Write the page of a tour, print its results, and return the exit status."""
-    from hil.experiments.comparison.table import summary
     from hil.report.tables.compare import notch_sentences
     from hil.report.writer import write_report_of
 
     page = write_report_of(folder)
-    console.echo_lines(summary(done.result, terminal_width(err=as_json)), err=as_json)
+    console.show_comparison(done.result, err=as_json)
     console.echo_lines(notch_sentences(done.result), err=as_json)
     claims = done.result.tour.claims or ()
     for claim in claims:

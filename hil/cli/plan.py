@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import fail, finite, print_json, table
+from drive_profiles.cli.console import fail, finite, listed, print_json, table
 from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
 from hil.cli.options import AXES, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
 from hil.control.treatments import treatment as row_of
@@ -56,7 +56,7 @@ def plan(
         from hil.plan.check import check
 
         with_notch = row_of(treatment).filters == "variable"
-        numbers = tuple(sorted(bench.axis)) if axes is None else _axes(axes)
+        numbers = tuple(sorted(bench.axis)) if axes is None else tuple(sorted(listed("--axes", axes, "axis")))
         period = sync_period_s or (bench.bus.host_sync_period_s if loop == "host" else bench.bus.sync_period_s)
         state = with_notch and loop == "drive"
         try:
@@ -71,13 +71,6 @@ def plan(
         typer.echo("\n" + _sentence(verdict, adviser))
     if not verdict.is_good:
         raise typer.Exit(ExitStatus.NOT_MET)
-
-
-def _axes(text: str) -> tuple[int, ...]:
-    parts = [part.strip() for part in text.split(",")]
-    if not all(part.isdecimal() for part in parts) or len(set(parts)) != len(parts):
-        raise fail(f"--axes {text!r} is not a list of different axes; expected e.g. 2,3,5", ExitStatus.USAGE)
-    return tuple(sorted(int(part) for part in parts))
 
 
 # -- the tables ---------------------------------------------------------------------------------------------------------

@@ -111,7 +111,7 @@ def gather(folders: Iterable[Path], note: str = "") -> Gathered:
     """
     runs: dict[str, PassportRun] = {}
     left_out = []
-    for path in _files(folders):
+    for path in found_files(folders, ".toml"):
         if path.stat().st_size > MOST_BYTES:
             left_out.append(f"{path}: larger than {MOST_BYTES // 1_000_000} MB")
             continue
@@ -125,17 +125,18 @@ def gather(folders: Iterable[Path], note: str = "") -> Gathered:
     return Gathered(tuple(sorted(runs.values(), key=lambda run: (run.robot, run.axis, run.measured_utc))), tuple(left_out))
 
 
-def _files(folders: Iterable[Path]) -> list[Path]:
-    """Return the files, results first: they have more on a run."""
+def found_files(folders: Iterable[Path], *endings: str) -> list[Path]:
+    """Return the results below folders, and the files with these endings behind them; links are not followed.
+
+    Raises:
+        NotPossibleError: There are too many.
+    """
     found: list[Path] = []
     for folder in folders:
-        for here, below, names in os.walk(folder):
-            below.sort()
-            found += [Path(here) / name for name in sorted(names) if name == RESULT_FILE or name.endswith(".toml")]
+        for here, _, names in os.walk(folder):
+            found += [Path(here) / name for name in names if name == RESULT_FILE or name.endswith(endings)]
             if len(found) > MOST_FOUND_FILES:
-                raise NotPossibleError(
-                    f"more than {MOST_FOUND_FILES} files below {folder}; give the folders of the identifications"
-                )
+                raise NotPossibleError(f"more than {MOST_FOUND_FILES} files below {folder}; give folders with fewer")
     return sorted((path for path in found if not path.is_symlink()), key=lambda path: (path.name != RESULT_FILE, str(path)))
 
 

@@ -1,5 +1,6 @@
 """Result of `hil identify plant`: plant, standard errors, and responses."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from pydantic import BeforeValidator, Field
 from hil.bench.model import IdentifiedPlant
 from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.frequency import TwoInertia
+from hil.errors import RefusalCause
 from hil.results.base import MeasuredResult, ResultPart
 
 Floats = Annotated[tuple[float, ...], BeforeValidator(lambda given: given.tolist() if isinstance(given, np.ndarray) else given)]
@@ -123,15 +125,25 @@ class FrictionCurve(ResultPart):
     gravity_nm: Floats
 
 
-class PlantCheck(ResultPart):
-    """One check of the data; the fields are those of `hil.experiments.plant.checks.DataCheck`."""
+@dataclass(frozen=True)
+class PlantCheck:
+    """One check of the data."""
 
     name: str
     value: float
     needed: float
     unit: str
     holds: bool
-    remedy: str
+    remedy: str = ""
+    causes: tuple[RefusalCause, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """Check in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        tail = f"; {self.remedy}" if self.remedy else ""
+        bound = "most" if (self.value <= self.needed) == self.holds else "least"
+        return f"{self.name}: {self.value:.3g}{unit} (at {bound} {self.needed:.3g}{unit}){tail}"
 
 
 class PlantResult(MeasuredResult):

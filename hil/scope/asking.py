@@ -15,23 +15,8 @@ from hil.recording import BusLog
 
 ASKED_PDOS = 4
 TIMEOUT_S = 0.5
-_NODES = range(1, 128)
 _SCALES = ((0x608F, 1), (0x608F, 2), (0x6076, 0), (0x6091, 1), (0x6091, 2), (0x6092, 1), (0x6092, 2), (0x607E, 0),
     (0x60A8, 0), (0x60A9, 0), (0x6060, 0), (UNIT_OBJECT, 1), (DIGITS_OBJECT, 1))  # fmt: skip
-
-
-def nodes_from(text: str) -> tuple[int, ...]:
-    """Node-IDs of `2,3`; empty for none.
-
-    Raises:
-        ValueError: One is none.
-    """
-    found = []
-    for part in filter(None, (each.strip() for each in text.split(","))):
-        if not (part.isascii() and part.isdigit()) or int(part) not in _NODES:
-            raise ValueError(f"{part!r} is not a node-ID; expected 1 to 127")
-        found.append(int(part))
-    return tuple(dict.fromkeys(found))
 
 
 def ask_nodes(address: Address, nodes: tuple[int, ...]) -> None:

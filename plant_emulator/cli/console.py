@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.completion import AxisCompleter, complete_reference
-from drive_profiles.cli.console import ToolExitStatus, epilog, fail, table
+from drive_profiles.cli.console import ToolExitStatus, epilog, fail, listed, table
 from drive_profiles.cli.entry import interrupted
 from drive_profiles.errors import DriveProfileError
 
@@ -105,15 +105,8 @@ def axis_numbers(given: str, model: "Robot") -> list[int]:
     Raises:
         typer.Exit: It is not such a list, or the robot has no such axis.
     """
-    numbers: list[int] = []
-    for text in given.split(","):
-        if not (text.strip().isascii() and text.strip().isdigit()):
-            raise fail(f"--axis {given}: expected a comma-separated list such as 2,3", EmulatorExitStatus.USAGE)
-        number = int(text)
-        if number not in model.axis:
-            there = ", ".join(map(str, sorted(model.axis)))
-            raise fail(f"--axis {given}: robot {model.name!r} has no axis {number}; it has {there}", EmulatorExitStatus.USAGE)
-        if number in numbers:
-            raise fail(f"--axis {given}: axis {number} is given twice", EmulatorExitStatus.USAGE)
-        numbers.append(number)
-    return numbers
+    numbers = listed("--axis", given, "axis")
+    if strange := set(numbers) - set(model.axis):
+        there = ", ".join(map(str, sorted(model.axis)))
+        raise fail(f"--axis {given}: robot {model.name!r} has no axis {min(strange)}; it has {there}", EmulatorExitStatus.USAGE)
+    return [*numbers]

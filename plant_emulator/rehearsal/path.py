@@ -180,9 +180,8 @@ class _Path:
         survey, knowledge = Survey(self.robot, self.bench, self.axis), self._knowledge()
         for name in TREATMENTS:
             if all(self._is_done(need) for need in RUNS[name][1]):
-                tip = survey.tip(name, knowledge, self.left_out.get(name, ()))
-                self.result.tips[name], self.result.tracked[name] = tip
-        self.result.floor, self.result.tracked["floor"] = survey.floor()
+                self.result.tips[name] = survey.tip(name, knowledge, self.left_out.get(name, ()))
+        self.result.floor = survey.floor()
         if self.options.with_causes and self.result.is_quiet is False:
             self.result.without_cause_mm = self._without_cause(knowledge)
         if self.options.with_probes:

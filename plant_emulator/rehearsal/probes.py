@@ -43,7 +43,7 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
                 found[name] = ProbeRecord(accepted=False)
                 continue
             left_out = [Part(axis, verdict.part.order) for verdict in verdicts if verdict.part.order not in used]
-            found[name] = ProbeRecord(True, ratio_of_tips(survey.cancelled(model, left_out).peak_mm, before))
+            found[name] = ProbeRecord(True, ratio_of_tips(survey.cancelled(model, left_out), before))
     return {name: found[name] for name in PROBES if name in found}
 
 

@@ -119,7 +119,6 @@ class PathRecord:
         left: Tip's peak in the worst window with each cancellation, in mm, as its own trial saw it.
         hidden: Tip's peak in mm that the noise of that trial may hide.
         floor: The true tip without a transmission error, by order.
-        tracked: Order-tracked amplitude of the true tip in mm by treatment, and `floor`, then by order.
         probes: Wrong corrections, by `PROBES`.
         causes: Causes that the run of each cancellation names for what it leaves, and its words.
         without_cause_mm: True tip at the path's end without the causes that were named; None if there are none.
@@ -138,7 +137,6 @@ class PathRecord:
     left: dict[str, float | None] = field(default_factory=dict)
     hidden: dict[str, float] = field(default_factory=dict)
     floor: dict[float, float] = field(default_factory=dict)
-    tracked: dict[str, dict[float, float]] = field(default_factory=dict)
     probes: dict[str, ProbeRecord] = field(default_factory=dict)
     causes: dict[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
     without_cause_mm: float | None = None
@@ -244,8 +242,6 @@ class PathRecord:
         cells["without_cause_mm"] = self.without_cause_mm
         cells |= {"is_quiet": self.is_quiet, "worse": ", ".join(self.worse)}
         cells["raised_to_floor"] = ", ".join(self.raised_to_floor)
-        for name in (*TREATMENTS, "floor"):
-            cells |= {f"tracked_{name}_k{order}_mm": self.tracked.get(name, {}).get(order) for order in ORDERS}
         cells |= {"cpu_s": self.cpu_s, "survey_cpu_s": self.survey_cpu_s, "simulated_s": self.simulated_s}
         return cells
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -21,23 +20,11 @@ from hil.master.motion import FilterUse, Motion
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from plant_emulator.rehearsal.steps import channel_of
-from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, tracked_by_order_mm, true_f_al_hz, without_error
+from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
 
 SAMPLES_PER_SWING = 12.0
 """Samples of the true tip in a period of f_al: order 4 at the end of order 2's window, 2.6 f_al, has more than four."""
-
-
-class TrueTip(NamedTuple):
-    """The true tip by order, in mm.
-
-    Attributes:
-        peak_mm: Largest displacement in the window of each order.
-        tracked_mm: Largest amplitude at k θ_m in it.
-    """
-
-    peak_mm: dict[float, float]
-    tracked_mm: dict[float, float]
 
 
 class Survey:
@@ -48,7 +35,7 @@ class Survey:
         self._f_al_hz = true_f_al_hz(bench, robot, axis)
         self._perfect: Recording | None = None
 
-    def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> TrueTip:
+    def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> dict[float, float]:
         """Return the true tip by order under a treatment, mm.
 
         Args:
@@ -67,25 +54,24 @@ class Survey:
             model = knowledge.learnt
         return self._tip(bench, filters, model, left_out)
 
-    def cancelled(self, model: Identified, left_out: Collection[Part]) -> TrueTip:
+    def cancelled(self, model: Identified, left_out: Collection[Part]) -> dict[float, float]:
         """Return the true tip by order under a model's cancellation, mm."""
         return self._tip(self._bench, "none", model, left_out)
 
-    def floor(self) -> TrueTip:
+    def floor(self) -> dict[float, float]:
         """Return the true tip by order without an ATE, mm."""
         recording = self._with_perfect_gears()
         if recording is None:
-            return TrueTip({}, {})
-        where = recording, self._axis, self._f_al_hz
-        return TrueTip(tip_by_order_mm(*where), tracked_by_order_mm(*where))
+            return {}
+        return tip_by_order_mm(recording, self._axis, self._f_al_hz)
 
-    def _tip(self, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]) -> TrueTip:
+    def _tip(self, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]) -> dict[float, float]:
         recording = self._record(self._robot, bench, filters, model, left_out)
         if recording is None:
-            return TrueTip({}, {})
-        where, perfect = (recording, self._axis, self._f_al_hz), self._with_perfect_gears()
+            return {}
+        perfect = self._with_perfect_gears()
         speed_rps = None if perfect is None else motor_speed_rps(perfect, self._axis)
-        return TrueTip(tip_by_order_mm(*where, speed_rps), tracked_by_order_mm(*where))
+        return tip_by_order_mm(recording, self._axis, self._f_al_hz, speed_rps)
 
     def _with_perfect_gears(self) -> Recording | None:
         if self._perfect is None:

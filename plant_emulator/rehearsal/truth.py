@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from hil.analysis import band_passed, motor_speed_rps, order_window_rps, tip_scale
 from hil.bench.bench import Bench, Model
-from hil.design.order_map import order_track
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
@@ -87,23 +86,6 @@ def _windows(speed_rps: NDArray[np.float64], f_al_hz: float) -> dict[float, NDAr
             near[order] = rows
     passed = {order: rows for order, rows in near.items() if float(speed_rps[rows].max()) >= f_al_hz / order}
     return passed or near
-
-
-def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
-    """Return the largest order-tracked tip amplitude by order, mm."""
-    angle, period = recording.axis(axis, "position_rad"), recording.period_s
-    top = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(END_S / period)
-    tip = 1e3 * recording.columns["tip_z_m_s2"] / (2.0 * math.pi * f_al_hz) ** 2
-    try:
-        track = order_track(angle[:top], tip[:top], period, ORDERS)
-    except ValueError:  # a motion of less than a turn
-        return {}
-    found: dict[float, float] = {}
-    for order, rows in _windows(track.speed_rps, f_al_hz).items():
-        amplitude = track.amplitude[rows, ORDERS.index(order)]
-        if np.any(np.isfinite(amplitude)):
-            found[order] = float(np.nanmax(amplitude))
-    return found
 
 
 def ratio_of_tips(after: Mapping[float, float], before: Mapping[float, float]) -> float | None:

@@ -113,7 +113,7 @@ def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, B
     elif not REMOVED.keys() & set(causes):
         return None
     with _up_to(HIGH_OVER_RESONANCE if "frequency limit" in causes else cancellation.HIGHEST_OVER_RESONANCE):
-        return max(Survey(robot, bench, axis).cancelled(model, left_out).peak_mm.values(), default=None)
+        return max(Survey(robot, bench, axis).cancelled(model, left_out).values(), default=None)
 
 
 def is_true(end_mm: float, goal_mm: float, without_mm: float | None) -> bool:

@@ -1,12 +1,10 @@
 """Text of a robot's bench file before any measurement."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from drive_profiles.address import parse_address
-from drive_profiles.files.toml import Table, toml_value
+from drive_profiles.files.toml import Table, table_lines, toml_value
 from hil.arm.mounting import Mounting
 from hil.arm.straight_line import JointLimits
 from hil.arm.tables import ArmTable
@@ -192,15 +190,4 @@ def _digits(value: float) -> float:
 
 def file_text(table: Table) -> str:
     """Return a robot or a bench as the text of its file."""
-    return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
-
-
-def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:
-    """Return the lines of a table: plain values, then tables."""
-    inner = {key: value for key, value in values.items() if isinstance(value, dict) and name.count(".") < 1}
-    plain = [f"{key} = {toml_value(value)}" for key, value in values.items() if key not in inner]
-    lines = [f"[{name}]", *plain] if name and plain else plain
-    for key, value in inner.items():
-        found = _lines(f"{name}.{key}" if name else str(key), value)
-        lines += ["", *found] if lines and found and found[0] else found
-    return lines
+    return "\n".join([*table_lines(table.model_dump(exclude_none=True, exclude_defaults=True)), ""])

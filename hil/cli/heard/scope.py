@@ -12,7 +12,7 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE, choose_bus, parse_address
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail
+from drive_profiles.cli.console import epilog, fail, listed
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.live import DEFAULT_PORT
 from hil.cli.options import BusOption, DescriptionsOption, OptionalBenchOption
@@ -95,7 +95,7 @@ def _show_bus(
     from hil.bench.bench import load_bench
     from hil.can.listening import open_listener
     from hil.cli.heard.explain import description_from
-    from hil.scope.asking import ask_nodes, nodes_from
+    from hil.scope.asking import ask_nodes
     from hil.scope.decoder import SignalDecoder
     from hil.scope.server import ScopeServer
     from hil.scope.sources import BusSource
@@ -105,10 +105,7 @@ def _show_bus(
     if choice is None:
         raise fail(f"no bus is given; give --bus ADDRESS or --bench FILE, or set {BUS_VARIABLE}", ExitStatus.USAGE)
     say(str(choice))
-    try:
-        asked = nodes_from(ask)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--ask") from None
+    asked = listed("--ask", ask, "node-ID") if ask else ()
     known = dict(description_from(text) for text in descriptions)
     address = parse_address(choice.address)
     listener = open_listener(address)

@@ -19,6 +19,7 @@ from hil.control.arrays import Real
 from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
+from hil.design.ate.refinement import shifted
 from hil.design.estimation import SEARCHED_SIGMAS
 from hil.experiments.ate.checks import VIBRATES, AteNotIdentifiedError, check_estimate
 from hil.experiments.ate.ramp import Ramp
@@ -225,18 +226,9 @@ class _Scan:
 
 def _slopes(model: RampsModel, arm: Arm) -> list[Real]:
     """Slopes of motion and columns by frequency, damping and delay."""
-    slopes = []
-    for changes in (
-        {"resonance_hz": 0.01 * arm.resonance_hz},
-        {"damping": 0.1 * arm.damping},
-        {"delay_s": 0.01 / arm.resonance_hz},
-    ):
-        sides = []
-        for sign in (1.0, -1.0):
-            motion, columns = model.columns(replace(arm, **{name: getattr(arm, name) + sign * x for name, x in changes.items()}))
-            sides.append(np.column_stack([motion, columns]))
-        slopes.append(np.asarray(sides[0] - sides[1]))
-    return slopes
+    steps = np.diag([0.01 * arm.resonance_hz, 0.1 * arm.damping, 0.01 / arm.resonance_hz])
+    sides = ([np.column_stack(model.columns(shifted(arm, *(sign * step)))) for sign in (1.0, -1.0)] for step in steps)
+    return [np.asarray(more - less) for more, less in sides]
 
 
 def _powers(basis: Real, signal: Real, candidates: Real) -> Real:

@@ -3,13 +3,12 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 
-from drive_profiles.cli.tables import lines as table_lines
 from hil.bench.bench import Bench
 from hil.design.compliance import Compliance, compliance, judged_speeds
 from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
 from hil.experiments.plan import Experiment, same_window
 from hil.experiments.treatment import TreatmentSetup
-from hil.results.comparison import AxisCompliance, ComparisonRobot, ComparisonRow, ComplianceFactors, TreatmentTable
+from hil.results.comparison import AxisCompliance, ComparisonRobot, ComparisonRow, ComplianceFactors
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
 
 Key = tuple[str, int | None, str, str]
@@ -166,58 +165,3 @@ def unmet(robots: Sequence[ComparisonRobot], request: ComparisonRequest) -> list
 
 def _where(row: ComparisonRow) -> str:
     return "line motion" if row.axis is None else f"axis {row.axis}"
-
-
-_HEADER = (
-    "treatment",
-    "experiment",
-    "axis",
-    "loop",
-    "tip mm",
-    "change",
-    "area",
-    "change",
-    "within",
-    "compliance at 1 Hz",
-    "largest",
-)
-
-
-def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
-    """Format the table as text.
-
-    Args:
-        width: Columns of the terminal; None: as many as it takes.
-    """
-    lines = []
-    for robot in result.robots:
-        lines.append(f"{robot.name} ({robot.bus})")
-        lines += table_lines(_HEADER, [_cells(row, robot) for row in robot.rows if row.left_out is None], width)
-        reasons: dict[str, list[str]] = {}
-        for row in robot.rows:
-            reason = f"left out: {row.left_out}" if row.left_out is not None else f"not judged: {row.not_judged}"
-            if row.left_out is not None or row.tip_peak_mm is None or row.spectrum_area is None:
-                reasons.setdefault(reason, []).append(f"{row.treatment} ({_where(row)}, {row.loop}-closed)")
-        lines += [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
-    return lines
-
-
-def _cells(row: ComparisonRow, robot: ComparisonRobot) -> tuple[str, ...]:
-    axes = robot.line_axes or () if row.axis is None else (row.axis,)
-    head = (row.treatment, row.experiment, ",".join(map(str, axes)) or "-", row.loop)
-    if row.tip_peak_mm is None or row.spectrum_area is None:
-        return (*head, "not judged", *["-"] * (len(_HEADER) - len(head) - 1))
-    factors = ("-", "-") if row.compliance is None else (f"×{row.compliance.slow:.2f}", f"×{row.compliance.peak:.2f}")
-    return (
-        *head,
-        f"{row.tip_peak_mm:.4f}",
-        _percent(row.tip_peak_change_pct),
-        f"{row.spectrum_area:.3f}",
-        _percent(row.spectrum_area_change_pct),
-        "yes" if row.within_spec else "no",
-        *factors,
-    )
-
-
-def _percent(change: float | None) -> str:
-    return "-" if change is None else f"{change:+.1f} %".replace("-", "−")

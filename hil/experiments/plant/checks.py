@@ -1,7 +1,6 @@
 """Checks of an identified plant."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from hil.errors import HilError, RefusalCause
 from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.pilot import told_lever_ratio
+from hil.results.plant import PlantCheck
 
 SATURATED_FRACTION = 1e-3
 """Measured: fraction of the rows that may be at the torque limit: 0 on the drawn robots 10700 to 10764."""
@@ -41,40 +41,19 @@ class PlantNotIdentifiedError(HilError):
         super().__init__(f"axis {axis} is not identified: {'; '.join(reasons)}")
 
 
-@dataclass(frozen=True)
-class DataCheck:
-    """One check of the data."""
-
-    name: str
-    value: float
-    needed: float
-    unit: str
-    holds: bool
-    remedy: str = ""
-    causes: tuple[RefusalCause, ...] = ()
-
-    @property
-    def sentence(self) -> str:
-        """Check in words."""
-        unit = f" {self.unit}" if self.unit else ""
-        tail = f"; {self.remedy}" if self.remedy else ""
-        bound = "most" if (self.value <= self.needed) == self.holds else "least"
-        return f"{self.name}: {self.value:.3g}{unit} (at {bound} {self.needed:.3g}{unit}){tail}"
-
-
-def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataCheck:
+def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> PlantCheck:
     """Check that the torque, shape (n,), stayed below its limit."""
     fraction = float(np.mean(np.abs(torque_nm) >= 0.985 * limit_nm))
     remedy = (
         f"the torque reached {np.max(np.abs(torque_nm)):.3g} of {limit_nm:.3g} N·m; try --amplitude-nm {0.6 * amplitude_nm:.2g}"
     )
-    return DataCheck(
+    return PlantCheck(
         "fraction of the time at the torque limit", fraction, SATURATED_FRACTION, "", fraction <= SATURATED_FRACTION, remedy,
         ("limits",),
     )  # fmt: skip
 
 
-def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> DataCheck:
+def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> PlantCheck:
     """Check that the motor kept its direction.
 
     At a reversal Coulomb friction is not a constant. `speed_rps` is along the bias.
@@ -83,7 +62,7 @@ def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> Dat
     ripple = bias_rps - float(np.min(speed_rps))
     calm = 0.7 * amplitude_nm * bias_rps / max(ripple, 1e-9)
     remedy = f"raise --bias-rps to {1.2 * ripple:.2g} or lower --amplitude-nm to {calm:.2g}"
-    return DataCheck(
+    return PlantCheck(
         "fraction of the time in which the motor turned back",
         fraction,
         REVERSED_FRACTION,
@@ -93,13 +72,13 @@ def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> Dat
     )
 
 
-def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
+def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> PlantCheck:
     """Check that the requested axis has moved."""
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
     remedy = "check that the encoder is the axis' own, and that its brake is open"
     least, most = 0.8, 1.25
     what, bound = f"fraction of the travel that the motor angle shows {motion}", most if fraction > most else least
-    return DataCheck(what, fraction, bound, "", least <= fraction <= most, remedy, ("wrong axis or wiring",))
+    return PlantCheck(what, fraction, bound, "", least <= fraction <= most, remedy, ("wrong axis or wiring",))
 
 
 def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accelerometer") -> str | None:
@@ -171,7 +150,7 @@ def misfit_words(estimate: PlantEstimate) -> str | None:
     )
 
 
-def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[DataCheck]:
+def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[PlantCheck]:
     """Check that the plant is identified well enough.
 
     The advice of each check can be followed. The errors are those of the noise alone, which more periods lower: the
@@ -186,7 +165,7 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     f_r = estimate.parameters["resonance_hz"].value
     wider = "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
     over, reach = f_r / high, f"f_r ({f_r:.3g} Hz) relative to the end of the band ({high:.3g} Hz)"
-    checks = [] if over <= OUTSIDE else [DataCheck(reach, over, OUTSIDE, "", False, wider, ("cycle",))]
+    checks = [] if over <= OUTSIDE else [PlantCheck(reach, over, OUTSIDE, "", False, wider, ("cycle",))]
     for name, parameter, allowed in (
         ("standard error of f_a from noise alone", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
         ("standard error of K_g from noise alone", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
@@ -205,5 +184,5 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
                 f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: multiply --periods by {times**2:.2g}, or "
                 "take a finer encoder or a shorter SYNC period"
             )
-        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more, causes))
+        checks.append(PlantCheck(name, percent, allowed, "%", percent <= allowed, more, causes))
     return checks

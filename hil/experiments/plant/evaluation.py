@@ -10,8 +10,8 @@ from hil.control.angles import ARCSEC
 from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.friction import Friction
 from hil.design.plant_identification import PlantEstimate
-from hil.experiments.plant.checks import DataCheck
 from hil.experiments.plant.motion import ExcitedSignal, PlantRequest, Travel
+from hil.results.plant import PlantCheck
 from hil.robot_tables import PlantTable
 
 WIDE_DEG = 30.0
@@ -36,7 +36,7 @@ class PlantEvaluation:
     amplitude_nm: float
     estimate: PlantEstimate
     friction: Friction
-    checks: tuple[DataCheck, ...]
+    checks: tuple[PlantCheck, ...]
     remarks: tuple[str, ...]
     cannot_tell: tuple[str, ...]
 

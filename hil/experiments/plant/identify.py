@@ -20,7 +20,6 @@ from hil.experiments.decision import MOST_RUNS
 from hil.experiments.plant.amplitude import VISCOUS, with_amplitude_dependence, with_slow_turns
 from hil.experiments.plant.bands import fast_speed, highest_hz, loop_period_s, main_band, pilot_band
 from hil.experiments.plant.checks import (
-    DataCheck,
     PlantNotIdentifiedError,
     estimate_checks,
     misfit_words,
@@ -61,6 +60,7 @@ from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
+from hil.results.plant import PlantCheck
 from hil.robot_tables import ORDERS
 
 PILOTS = 3
@@ -96,7 +96,7 @@ class PlantIdentification:
             self.table.felt_lever_m(f"identify plant --axis {request.axis}")
         self.drive = session.axes[request.axis]
         self.recordings: dict[str, Recording] = {}
-        self.checks: list[DataCheck] = []
+        self.checks: list[PlantCheck] = []
         self.remarks: list[str] = []
         self.excited: ExcitedSignal = self._excited_signal()
         self.start_rev = self.drive.position_rad() / math.tau
@@ -369,7 +369,7 @@ class PlantIdentification:
         ]
         return np.concatenate(speeds) / recording.period_s / math.tau
 
-    def _main_checks(self, planned: PlannedMotion, recording: Recording, amplitude: float) -> list[DataCheck]:
+    def _main_checks(self, planned: PlannedMotion, recording: Recording, amplitude: float) -> list[PlantCheck]:
         torque = recording.axis(self.request.axis, "torque_nm")
         counted = np.concatenate([torque[rows] for rows in planned.stretches])
         return [
@@ -436,7 +436,7 @@ class PlantIdentification:
         phase = math.radians(friction.gravity_phase_deg.value)
         return float(-friction.gravity_moment_nm.value * np.mean(np.sin(arm + phase)))
 
-    def _require(self, checks: list[DataCheck], *more: str) -> None:
+    def _require(self, checks: list[PlantCheck], *more: str) -> None:
         self.checks += checks
         reasons = tuple(check.sentence for check in checks if not check.holds)
         if reasons:

@@ -18,7 +18,7 @@ from hil.experiments.plant.motion import PlantRequest, bus_demand
 from hil.experiments.plant.posture import bring_to, check_posture, felt_posture, joint_deg, standing_deg
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
-from hil.results.plant import ExcitationPlan, FrequencyResponseEntry, FrictionCurve, PlantCheck, PlantRequestEntry, PlantResult
+from hil.results.plant import ExcitationPlan, FrequencyResponseEntry, FrictionCurve, PlantRequestEntry, PlantResult
 
 
 def run_identify_plant(
@@ -86,7 +86,7 @@ def _perform(
         result.not_identified = error.reasons
         raise
     finally:
-        result.checks = tuple(PlantCheck.model_validate(check, from_attributes=True) for check in identification.checks)
+        result.checks = tuple(identification.checks)
         result.remarks = tuple(identification.remarks)
         for name, recording in identification.recordings.items():
             result.recordings[name] = measurement.keep(recording, f"identify-plant-axis{request.axis}-{name}")

@@ -193,19 +193,9 @@ def _check_units(asked: Questions, number: int, profile: Profile) -> None:
 
 def _feed(asked: Questions, profile: Profile) -> dict[str, int] | None:
     """Read gear ratio (6091h) and feed constant (6092h) where positions need them."""
-    facts = profile.encoder
-    if facts is None or facts.feed is None or facts.feed_shaft_revs is None:
-        return {}
-    named = {
-        "gear_motor_revs": facts.gear_motor_revs,
-        "gear_shaft_revs": facts.gear_shaft_revs,
-        "feed": facts.feed,
-        "feed_shaft_revs": facts.feed_shaft_revs,
-    }
+    objects = {} if profile.encoder is None else profile.encoder.feed_objects
     found = {
-        name: asked.number(Need(object_address(address), name, "positions are scaled by it"))
-        for name, address in named.items()
-        if address is not None
+        name: asked.number(Need(object_address(address), name, "positions are scaled by it")) for name, address in objects.items()
     }
     whole = {name: value for name, value in found.items() if value is not None}
     return whole if len(whole) == len(found) else None

@@ -4,7 +4,6 @@ A result that cannot be read is listed by name; the others are read all the same
 """
 
 import hashlib
-import os
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,10 +13,9 @@ from hil.bench.bench import AxisTable
 from hil.control.treatments import treatment
 from hil.design.frequency import Margins, margins
 from hil.errors import NotPossibleError
-from hil.passport.gather import MOST_BYTES, MOST_FOUND_FILES, utc_of
+from hil.passport.gather import MOST_BYTES, found_files, utc_of
 from hil.report.material import MARGIN_SPEEDS_RPS, run_name, worst_of
 from hil.results.acted import notches_of
-from hil.results.base import RESULT_FILE
 from hil.results.files import ResultFileError, load_any
 from hil.results.runs import ExperimentsResult, RunEntry
 
@@ -73,7 +71,7 @@ def gather_runs(folder: Path) -> GatheredRuns:
     others: Counter[str] = Counter()
     seen: set[str] = set()
     found = copies = 0
-    for path in _results(folder):
+    for path in found_files([folder]):
         try:
             if path.stat().st_size > MOST_BYTES:
                 raise ValueError(f"larger than {MOST_BYTES // 1_000_000} MB")
@@ -98,17 +96,6 @@ def gather_runs(folder: Path) -> GatheredRuns:
         raise NotPossibleError(f"no runs below {folder}{more}")
     ordered = sorted(runs, key=lambda run: (run.date_utc, run.folder))
     return GatheredRuns(tuple(ordered), found, tuple(left_out), dict(sorted(others.items())), copies)
-
-
-def _results(folder: Path) -> list[Path]:
-    found: list[Path] = []
-    for here, below, names in os.walk(folder):
-        below.sort()
-        if RESULT_FILE in names and not (Path(here) / RESULT_FILE).is_symlink():
-            found.append(Path(here) / RESULT_FILE)
-        if len(found) > MOST_FOUND_FILES:
-            raise NotPossibleError(f"more than {MOST_FOUND_FILES} results below {folder}; give a folder with fewer")
-    return sorted(found)
 
 
 def _windows(result: ExperimentsResult, folder: str) -> list[TrendRun]:

@@ -55,7 +55,7 @@ def test_a_robot_that_was_refused_has_words_and_no_estimate(tmp_path):
     ("words", "said"),
     [
         (("record", "evidence", "--kind", "linear", "--seeds", str(HELD_OUT_FROM)), f"seed {HELD_OUT_FROM} is held out"),
-        (("record", "evidence", "--kind", "linear", "--seeds", "x"), "seeds x: expected a comma-separated list"),
+        (("record", "evidence", "--kind", "linear", "--seeds", "x"), "x: expected a comma-separated list"),
         (("replay", "nowhere", "--rows", "rows.json"), "nowhere has no recorded robot"),
     ],
 )

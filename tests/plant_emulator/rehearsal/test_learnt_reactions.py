@@ -29,4 +29,4 @@ def test_learning_tells_a_reaction_by_the_tip_and_silences_it(seed, tmp_path):
     known = files.knowledge(is_learnt=True)
     assert known.learnt.axis[number].ate.gear_reaction == pytest.approx(float(robot.axis[number].gear_reaction), abs=0.2)
     tip = Survey(robot, bench, number).tip("cancellation_learnt", known)
-    assert max(tip.peak_mm.values()) < QUIET_MM
+    assert max(tip.values()) < QUIET_MM

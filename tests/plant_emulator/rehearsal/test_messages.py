@@ -197,8 +197,8 @@ def test_a_robot_whose_speed_limit_leaves_no_room_is_quiet_all_the_same():
     bench = loads(text, Bench, "bench")
     survey, axis = Survey(robot, bench, min(bench.axis)), min(bench.axis)
     left = survey.cancelled(model_of(robot, bench, axis, robot.axis[axis].ate), ())
-    assert max(survey.tip("none", Knowledge()).peak_mm.values()) > 0.5
-    assert max(left.peak_mm.values()) < 0.01
+    assert max(survey.tip("none", Knowledge()).values()) > 0.5
+    assert max(left.values()) < 0.01
 
 
 @pytest.mark.slow
@@ -211,7 +211,7 @@ def test_a_gear_that_reacts_on_its_motor_is_held_up_against():
     part = known.axis[axis].ate
     assert part is not None
     left = [
-        max(survey.cancelled(known.with_part(axis, part.model_copy(update={"gear_reaction": reaction})), ()).peak_mm.values())
+        max(survey.cancelled(known.with_part(axis, part.model_copy(update={"gear_reaction": reaction})), ()).values())
         for reaction in (0.0, 1.0)
     ]
     assert left[0] > 0.03

@@ -66,11 +66,9 @@ def test_a_robot_without_an_error_is_at_its_floor_and_the_error_is_seen_in_each_
     robot = draw(2, kind="linear")
     survey = Survey(robot, bench_of(robot), 2)
     floor, none = survey.floor(), survey.tip("none", path.PathFiles(path.Path("nowhere")).knowledge(is_learnt=False))
-    assert set(none.peak_mm) == set(none.tracked_mm) == {1, 2, 4}
-    for order, tip in none.peak_mm.items():
-        assert tip > 20.0 * floor.peak_mm[order]
-        assert 0.5 * tip < none.tracked_mm[order] < 1.05 * tip  # of one order alone, and that is nearly all
-        assert none.tracked_mm[order] > 20.0 * floor.tracked_mm[order]
+    assert set(none) == {1, 2, 4}
+    for order, tip in none.items():
+        assert tip > 20.0 * floor[order]
 
 
 def test_tips_below_two_micrometres_make_no_ratio():

@@ -161,10 +161,10 @@ def test_both_tables_are_written_anew_each_time(tmp_path):
         ("1-2-3", "expected a comma-separated list"),
         ("١", "expected a comma-separated list"),
         ("5-3", "ends before it begins"),
-        ("1-5,3", "seed 3 is named twice"),
-        (f"{LARGEST_SEED + 1}", "the largest seed"),
-        (f"1-{MOST_SEEDS + 1}", f"expected at most {MOST_SEEDS} robots"),
-        ("1-2147483647", f"expected at most {MOST_SEEDS} robots"),
+        ("1-5,3", "seed 3 is given twice"),
+        (f"{LARGEST_SEED + 1}", f"seeds from 0 to {LARGEST_SEED}"),
+        (f"1-{MOST_SEEDS + 1}", f"expected at most {MOST_SEEDS} seeds"),
+        ("1-2147483647", f"expected at most {MOST_SEEDS} seeds"),
     ],
 )
 def test_seeds_that_are_none_are_refused(text, words):

@@ -8,12 +8,13 @@ from drive_profiles.address import parse_address
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs
 from hil.bench.model import Identified
+from hil.cli import console
 from hil.errors import NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import cancellation_for
 from hil.experiments.comparison import run as module
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, knowledge_by_robot, plan
 from hil.experiments.comparison.run import compare
-from hil.experiments.comparison.table import gathered, summary
+from hil.experiments.comparison.table import gathered
 from hil.experiments.plan import Experiment, comparisons
 from hil.experiments.runner import ExperimentsOutcome
 from hil.experiments.treatment import TREATMENTS, Knowledge
@@ -173,7 +174,7 @@ def rows_of(done, robot=0):
 SELECTION = ComparisonRequest((RAMP,), (2,), ("low-gains", "notch", "cancellation", "cancellation-learnt"))
 
 
-def test_the_table_has_changes_trials_costs_and_reasons(runner, tmp_path):
+def test_the_table_has_changes_trials_costs_and_reasons(runner, tmp_path, capsys):
     runner.changes["cancellation"] = {"trial": trial(is_good=True)}
     done = compare([plan(KnownRobot(BENCH), SELECTION, channel=IDEAL)], SELECTION, tmp_path)
     rows = rows_of(done)
@@ -186,8 +187,10 @@ def test_the_table_has_changes_trials_costs_and_reasons(runner, tmp_path):
     assert done.unmet == []  # nobody has asked for it by name
     assert {each.treatment for each in done.result.robots[0].compliance} == {"none", "low-gains", "notch"}
     assert done.result == load_result(tmp_path, ComparisonResult, "a comparison")
-    assert any(line.startswith("cancellation-learnt") and ": left out: " in line for line in summary(done.result))
-    assert any("×3.70" in line for line in summary(done.result))
+    console.show_comparison(done.result)
+    said = capsys.readouterr().out
+    assert "Runs left out or not judged" in said
+    assert "× 3.70" in said
 
 
 def test_the_area_and_its_change_are_those_of_one_window():
@@ -206,13 +209,13 @@ def test_the_area_and_its_change_are_those_of_one_window():
     assert rows["notch"].spectrum_area_change_pct == pytest.approx(-10.0)
 
 
-def test_a_line_names_its_axes_and_a_ramp_has_its_whole_peak(runner, tmp_path):
+def test_a_line_names_its_axes_and_a_ramp_has_its_whole_peak(runner, tmp_path, capsys):
     runner.changes["notch"] = {"ramp_peak_mm": 0.145}
     asked = ComparisonRequest((RAMP, LINE), (2,), ("notch",))
     done = compare([plan(KnownRobot(BENCH), asked, channel=IDEAL)], asked, tmp_path)
     assert [row.ramp_peak_mm for row in done.result.robots[0].rows if row.treatment == "notch"] == [0.145, 0.145]
-    line = next(words.split() for words in summary(done.result) if words.startswith("notch") and LINE in words)
-    assert line[2] == "2,3,5"
+    console.show_comparison(done.result)
+    assert "line motion of axes 2, 3 and 5\n" in capsys.readouterr().out
 
 
 def test_what_was_asked_for_by_name_is_missed(runner, tmp_path):
