@@ -1,131 +1,179 @@
 #include "gear.h"
 
+#include "hil/control/waves.h"
+
 /* Steps to the torsion that carries gravity at rest: each leaves at most r of the error, 1e-20 of it at r = 0.3 in the end. */
 enum { RESTING_STEPS = 40 };
-/* Arms that go on side by side: each step of one waits for the step before, and meanwhile the processor works on the others. */
-enum { TOGETHER = 8 };
+/* Pairs of arms that go on side by side: each step of one waits for the step before, and meanwhile the processor works on the
+ * others. */
+enum { TOGETHER = 6 };
 /* 2^54: what is less than one over it does not change 1. */
 #define HALF_BIT 18014398509481984.0
 
-/* Where a step began: torsion and hysteresis. */
-struct turn {
-    real torsion;
-    real z;
+/* Two arms on their way, and the step that they take: rates v and accelerations a of its parts. */
+struct arms {
+    pair stiffness, gear_damping, arm_damping, softness, per_wind_up, hysteresis, per_hysteresis, gravity_cosine, gravity_sine;
+    pair felt;                  /* (psi/psi_s)^2 from which on the spring is stiff, to the last bit */
+    pair there, slope;          /* gravity where the step began, and its rate of change by the angle */
+    pair began, z;              /* torsion and hysteresis where the step began */
+    pair torsion, soft, kept;   /* torsion, its part of the softness, and what it keeps of the hysteresis */
+    pair angle, v, v2, v3, a1, a2, a3;
+    const real *base[2], *speed[2];
+    real *acceleration[2];
 };
 
-/* Gravity at an angle, and its rate of change by the angle. */
-struct weight {
-    real there;
-    real slope;
-};
+#define EACH for (struct arms *arms = together; arms < together + count; arms++)
+#define OF_BOTH(laws, name) ((pair){(laws)[0]->name, (laws)[1]->name})
+#define AT(numbers, n) ((pair){(numbers)[0][n], (numbers)[1][n]})
 
-/* An arm on its way, and the step that it takes: rates v and accelerations a of its parts. */
-struct arm {
-    const struct gear_law *law;
-    real felt; /* (psi/psi_s)^2 from which on the spring is stiff, to the last bit */
-    struct turn from;
-    struct weight weight;
-    real angle, v, v2, v3, a1, a2, a3;
-};
-
-static real hysteresis(const struct gear_law *law, const struct turn *from, real torsion)
+/* exp(-x) of each; 0 from a limit on. An arm beside itself is computed once. */
+INLINED pair fallen(pair x, pair limit)
 {
-    const real moved = torsion - from->torsion;
-    if (law->hysteresis == 0.0 || moved == 0.0) {
-        return from->z;
-    }
-    const real end = moved > 0.0 ? law->hysteresis : -law->hysteresis;
-    return end + (from->z - end) * EXP(-FABS(moved) * law->per_hysteresis);
+    const real first = x[0] > limit[0] ? 0.0 : EXP(-x[0]);
+    return (pair){first, x[1] == x[0] ? first : x[1] > limit[1] ? 0.0 : EXP(-x[1])};
 }
 
-static real spring(const struct gear_law *law, real felt, real torsion)
+/* Exponents of the spring and of the hysteresis. */
+INLINED void twist(struct arms *arms, pair torsion)
 {
-    const real ratio = torsion * law->per_wind_up, square = ratio * ratio;
-    if (square > felt) {
-        return law->stiffness * torsion;
-    }
-    return law->stiffness * (1.0 - law->softness * EXP(-square)) * torsion;
+    const pair ratio = torsion * arms->per_wind_up, moved = torsion - arms->began;
+    arms->torsion = torsion;
+    arms->soft = ratio * ratio;
+    arms->kept = (pair){FABS(moved[0]), FABS(moved[1])} * arms->per_hysteresis;
 }
 
-static struct weight gravity(const struct gear_law *law, real angle)
+/* The exponentials themselves: calls of the library, one behind the other. */
+INLINED void fall_springs(struct arms *together, integer count)
 {
-    if (law->gravity_cosine == 0.0 && law->gravity_sine == 0.0) {
-        return (struct weight){0.0, 0.0};
+    EACH {
+        arms->soft = fallen(arms->soft, arms->felt);
     }
-    const real c = COS(angle), s = SIN(angle);
-    return (struct weight){law->gravity_cosine * c + law->gravity_sine * s, law->gravity_sine * c - law->gravity_cosine * s};
+}
+
+INLINED void fall_hysteresis(struct arms *together, integer count)
+{
+    const pair never = {(real)INFINITY, (real)INFINITY};
+    EACH {
+        arms->kept = fallen(arms->kept, never);
+    }
+}
+
+INLINED pair spring(const struct arms *arms)
+{
+    return arms->stiffness * (1.0 - arms->softness * arms->soft) * arms->torsion;
+}
+
+INLINED pair hysteresis(const struct arms *arms)
+{
+    const pair moved = arms->torsion - arms->began;
+    const pair end = {COPYSIGN(arms->hysteresis[0], moved[0]), COPYSIGN(arms->hysteresis[1], moved[1])};
+    const pair z = end + (arms->z - end) * arms->kept;
+    return (pair){moved[0] == 0.0 ? arms->z[0] : z[0], moved[1] == 0.0 ? arms->z[1] : z[1]};
+}
+
+INLINED void weigh(struct arms *arms)
+{
+    const pair angle = arms->angle;
+    pair c, s;
+    c[0] = c[1] = COS(angle[0]);
+    s[0] = s[1] = SIN(angle[0]);
+    if (angle[1] != angle[0]) {
+        c[1] = COS(angle[1]);
+        s[1] = SIN(angle[1]);
+    }
+    arms->there = arms->gravity_cosine * c + arms->gravity_sine * s;
+    arms->slope = arms->gravity_sine * c - arms->gravity_cosine * s;
 }
 
 /* Gravity not far from there: the error of the series is the angle to the fourth power over 24. */
-static real beside(const struct weight *weight, real moved)
+INLINED pair beside(const struct arms *arms, pair moved)
 {
-    const real square = moved * moved;
-    return weight->there * (1.0 - 0.5 * square) + weight->slope * moved * (1.0 - square / 6.0);
+    const pair square = moved * moved;
+    return arms->there * (1.0 - 0.5 * square) + arms->slope * moved * (1.0 - square / 6.0);
 }
 
-/* Acceleration of the arm where it has moved since the step began. */
-static real pushed(const struct arm *arm, real base, real base_speed, real moved, real speed)
+/* Accelerations at the torsion: of spring and hysteresis, less damping and gravity. */
+INLINED pair pushed(const struct arms *arms, pair base_speed, pair speed, pair z, pair weight)
 {
-    const struct gear_law *law = arm->law;
-    const real torsion = base - (arm->angle + moved);
-    return spring(law, arm->felt, torsion) + hysteresis(law, &arm->from, torsion) + law->gear_damping * (base_speed - speed) -
-           law->arm_damping * speed - beside(&arm->weight, moved);
+    return spring(arms) + z + arms->gear_damping * (base_speed - speed) - arms->arm_damping * speed - weight;
 }
 
-static struct arm at_rest(const struct gear_law *law, real base, real speed)
+static void begin(struct arms *arms, const struct gear_law *const laws[2])
 {
+    arms->stiffness = OF_BOTH(laws, stiffness);
+    arms->gear_damping = OF_BOTH(laws, gear_damping);
+    arms->arm_damping = OF_BOTH(laws, arm_damping);
+    arms->softness = OF_BOTH(laws, softness);
+    arms->per_wind_up = OF_BOTH(laws, per_wind_up);
+    arms->hysteresis = OF_BOTH(laws, hysteresis);
+    arms->per_hysteresis = OF_BOTH(laws, per_hysteresis);
+    arms->gravity_cosine = OF_BOTH(laws, gravity_cosine);
+    arms->gravity_sine = OF_BOTH(laws, gravity_sine);
     /* 1 - r exp(-x) is 1 where r exp(-x) is below 2^-54; at the limit itself, a hair's breadth is left */
-    const real felt = LOG(law->softness * HALF_BIT) + 1e-6;
-    const real z = law->wound * law->hysteresis;
-    real angle = base;
+    arms->felt = (pair){LOG(laws[0]->softness * HALF_BIT), LOG(laws[1]->softness * HALF_BIT)} + 1e-6;
+    const pair base = AT(arms->base, 0);
+    arms->began = (pair){0.0, 0.0};
+    arms->z = OF_BOTH(laws, wound) * arms->hysteresis;
+    arms->angle = base;
     for (int i = 0; i < RESTING_STEPS; i++) {
-        angle += (spring(law, felt, base - angle) + z - gravity(law, angle).there) / law->stiffness;
+        weigh(arms);
+        twist(arms, base - arms->angle);
+        fall_springs(arms, 1);
+        arms->angle += (spring(arms) + arms->z - arms->there) / arms->stiffness;
     }
-    angle += law->ahead;
-    return (struct arm){.law = law, .felt = felt, .from = {base - angle, z}, .angle = angle, .v = speed + law->ahead_speed};
+    arms->angle += OF_BOTH(laws, ahead);
+    arms->v = AT(arms->speed, 0) + OF_BOTH(laws, ahead_speed);
+    arms->began = base - arms->angle;
 }
 
-static void follow_some(
-    const struct gear_law *laws, integer count, const real *base, const real *speed, integer apart, integer steps, real step_s,
-    real *acceleration)
+static void follow_some(struct arms *together, integer count, integer steps, real step_s)
 {
-    struct arm arms[TOGETHER];
     const real half = 0.5 * step_s;
-    for (integer i = 0; i < count; i++) {
-        arms[i] = at_rest(&laws[i], base[i * apart], speed[i * apart]);
-    }
-    for (integer n = 0; n < steps; n++) {
-        const real *b = base + 2 * n, *w = speed + 2 * n;
-        for (integer i = 0; i < count; i++) {
-            struct arm *arm = &arms[i];
-            arm->weight = gravity(arm->law, arm->angle);
-            arm->a1 = pushed(arm, b[i * apart], w[i * apart], 0.0, arm->v);
-            acceleration[i * (steps + 1) + n] = arm->a1;
+    for (integer n = 0;; n++) {
+        EACH {
+            weigh(arms);
+            twist(arms, arms->began);
         }
-        for (integer i = 0; i < count; i++) {
-            struct arm *arm = &arms[i];
-            arm->v2 = arm->v + half * arm->a1;
-            arm->a2 = pushed(arm, b[i * apart + 1], w[i * apart + 1], half * arm->v, arm->v2);
+        fall_springs(together, count);
+        EACH {
+            arms->a1 = pushed(arms, AT(arms->speed, 2 * n), arms->v, arms->z, arms->there);
+            arms->acceleration[0][n] = arms->a1[0];
+            arms->acceleration[1][n] = arms->a1[1];
         }
-        for (integer i = 0; i < count; i++) {
-            struct arm *arm = &arms[i];
-            arm->v3 = arm->v + half * arm->a2;
-            arm->a3 = pushed(arm, b[i * apart + 1], w[i * apart + 1], half * arm->v2, arm->v3);
+        if (n == steps) {
+            return;
         }
-        for (integer i = 0; i < count; i++) {
-            struct arm *arm = &arms[i];
-            const real v4 = arm->v + step_s * arm->a3;
-            const real a4 = pushed(arm, b[i * apart + 2], w[i * apart + 2], step_s * arm->v3, v4);
-            arm->angle += step_s / 6.0 * (arm->v + 2.0 * arm->v2 + 2.0 * arm->v3 + v4);
-            arm->v += step_s / 6.0 * (arm->a1 + 2.0 * arm->a2 + 2.0 * arm->a3 + a4);
-            const real torsion = b[i * apart + 2] - arm->angle;
-            arm->from = (struct turn){torsion, hysteresis(arm->law, &arm->from, torsion)};
+        EACH {
+            arms->v2 = arms->v + half * arms->a1;
+            twist(arms, AT(arms->base, 2 * n + 1) - (arms->angle + half * arms->v));
         }
-    }
-    for (integer i = 0; i < count; i++) {
-        const integer end = i * apart + 2 * steps;
-        arms[i].weight = gravity(&laws[i], arms[i].angle);
-        acceleration[i * (steps + 1) + steps] = pushed(&arms[i], base[end], speed[end], 0.0, arms[i].v);
+        fall_springs(together, count);
+        fall_hysteresis(together, count);
+        EACH {
+            arms->a2 = pushed(arms, AT(arms->speed, 2 * n + 1), arms->v2, hysteresis(arms), beside(arms, half * arms->v));
+            arms->v3 = arms->v + half * arms->a2;
+            twist(arms, AT(arms->base, 2 * n + 1) - (arms->angle + half * arms->v2));
+        }
+        fall_springs(together, count);
+        fall_hysteresis(together, count);
+        EACH {
+            arms->a3 = pushed(arms, AT(arms->speed, 2 * n + 1), arms->v3, hysteresis(arms), beside(arms, half * arms->v2));
+            twist(arms, AT(arms->base, 2 * n + 2) - (arms->angle + step_s * arms->v3));
+        }
+        fall_springs(together, count);
+        fall_hysteresis(together, count);
+        EACH {
+            const pair v4 = arms->v + step_s * arms->a3;
+            const pair a4 = pushed(arms, AT(arms->speed, 2 * n + 2), v4, hysteresis(arms), beside(arms, step_s * arms->v3));
+            arms->angle += step_s / 6.0 * (arms->v + 2.0 * arms->v2 + 2.0 * arms->v3 + v4);
+            arms->v += step_s / 6.0 * (arms->a1 + 2.0 * arms->a2 + 2.0 * arms->a3 + a4);
+            twist(arms, AT(arms->base, 2 * n + 2) - arms->angle);
+        }
+        fall_hysteresis(together, count);
+        EACH {
+            arms->z = hysteresis(arms);
+            arms->began = arms->torsion;
+        }
     }
 }
 
@@ -133,8 +181,22 @@ void gear_follow(
     const struct gear_law *laws, integer count, const real *base, const real *speed, integer apart, integer steps, real step_s,
     real *acceleration)
 {
-    for (integer i = 0; i < count; i += TOGETHER) {
-        const integer some = count - i < TOGETHER ? count - i : TOGETHER;
-        follow_some(laws + i, some, base + i * apart, speed + i * apart, apart, steps, step_s, acceleration + i * (steps + 1));
+    struct arms together[TOGETHER];
+    integer pairs = 0;
+    for (integer i = 0; i < count; i += 2) {
+        struct arms *arms = &together[pairs++];
+        const struct gear_law *both[2];
+        for (integer j = 0; j < 2; j++) {
+            const integer which = i + j < count ? i + j : i; /* the last of an odd number goes beside itself */
+            both[j] = &laws[which];
+            arms->base[j] = base + which * apart;
+            arms->speed[j] = speed + which * apart;
+            arms->acceleration[j] = acceleration + which * (steps + 1);
+        }
+        begin(arms, both);
+        if (pairs == TOGETHER || i + 2 >= count) {
+            follow_some(together, pairs, steps, step_s);
+            pairs = 0;
+        }
     }
 }

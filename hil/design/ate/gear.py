@@ -211,6 +211,8 @@ class BaseMotion:
         halves = 0.5 * self.step_s * np.arange(self.rigid.shape[1])
         return spline(halves), spline(halves, 1)
 
-    def with_error(self, unknowns: Real) -> Real:
+    def with_error(self, unknowns: Real, out: Real | None = None) -> Real:
         """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; shape (2, 2 n + 1)."""
-        return np.asarray(self.rigid + unknowns @ self.waves)
+        made = np.matmul(unknowns, self.waves, out=out)
+        made += self.rigid
+        return np.asarray(made)

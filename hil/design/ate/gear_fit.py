@@ -366,9 +366,10 @@ class GearFit:
             now = ramp.rounding(p, self._small)
             for j, n in enumerate(ramp.counts):
                 s, jacobian, e = variances[i][j], slopes[i][j], left[i][j]
-                square += 2.0 * (jacobian / (n * s) @ jacobian.conj().T).real
-                downhill += 2.0 * (jacobian.conj() @ (e / (n * s))).real
-                pulled += 2.0 * (jacobian[additive].conj() @ (e / (n * s))).real
+                conjugate, scaled = jacobian.conj(), e / (n * s)
+                square += 2.0 * (jacobian * (1.0 / (n * s)) @ conjugate.T).real
+                downhill += 2.0 * (conjugate @ scaled).real
+                pulled += 2.0 * (conjugate[additive] @ scaled).real
                 logs = np.stack([noise.encoder * (turned[c][i][j] - now[j]) / self._size[c] / s for c in columns])
                 downhill[columns] += logs @ (np.abs(e) ** 2 / (n * s))
         square[additive, additive] += np.maximum(0.0, -pulled)

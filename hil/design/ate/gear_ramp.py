@@ -1,8 +1,8 @@
 """A recorded ramp beside the simulated arm, as spectra."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
 import numpy as np
@@ -55,6 +55,7 @@ class Setting:
 
     Attributes:
         ripple: Ripple of the motor beyond half of the sampling rate.
+        sensor: The sensor at some frequencies, once for all ramps that have them.
     """
 
     reduction_ratio: float
@@ -62,6 +63,7 @@ class Setting:
     orders: tuple[float, ...]
     band_hz: tuple[float, float]
     ripple: Ripple
+    sensor: Callable[[int, float, float], "Sensor"] = field(default_factory=lambda: lru_cache(maxsize=None)(Sensor))
 
     @property
     def waves(self) -> slice:
@@ -131,6 +133,11 @@ def _gain(hz: Real, resonance: float, bend: float, droop: float) -> Real:
     return np.asarray(1.0 / (1.0 - bend * square + droop * square**2))
 
 
+def _complex_gain(hz: Real, resonance: float, bend: float, droop: float) -> Complex:
+    """Gain as a complex number, with which a spectrum is multiplied in half of the time."""
+    return _gain(hz, resonance, bend, droop).astype(np.complex128)
+
+
 def _turn(hz: Real, resonance: float, delay: float, dispersion: float) -> Complex:
     """Turn of the phase by the sensor."""
     x = np.minimum(hz / math.exp(resonance), BAND[1])
@@ -140,6 +147,39 @@ def _turn(hz: Real, resonance: float, delay: float, dispersion: float) -> Comple
 def _beyond(x: Real, *gains: complex) -> Complex:
     """Gain beyond half of the sampling rate over that of the model, as in `OF_IMAGES`."""
     return np.asarray(1.0 + np.polynomial.polynomial.polyval(x, gains))
+
+
+class Sensor:
+    """The sensor at the frequencies of a transform.
+
+    Args:
+        count: Samples of the transform.
+        step_s: Time between two of them.
+        period_s: Time between two samples of the recording.
+    """
+
+    def __init__(self, count: int, step_s: float, period_s: float) -> None:
+        self.hz = scipy.fft.rfftfreq(count, step_s)
+        self._is_beyond = slice(int(np.searchsorted(self.hz, 0.5 / period_s, "right")), None)
+        # most unknowns change none of these, and ramps of one length share them
+        self._gain, self._turn, self._beyond = (
+            lru_cache(maxsize=4)(partial(function, hz))
+            for function, hz in (
+                (_complex_gain, self.hz),
+                (_turn, self.hz),
+                (_beyond, 2.0 * period_s * self.hz[self._is_beyond] - 1.0),
+            )
+        )
+
+    def shown(self, moved: Complex, lever_m: float, v: Mapping[str, float]) -> Complex:
+        """Spectrum behind the sensor of one of the arm's acceleration, by the shared unknowns."""
+        late = moved * lever_m
+        late *= self._gain(v["resonance"], v["bend"], v["droop"])
+        late *= self._turn(v["resonance"], v["delay"], v["dispersion"])
+        beyond = [v[name] + 1j * v[other] for name, other in zip(OF_IMAGES[::2], OF_IMAGES[1::2], strict=True)]
+        if any(beyond):
+            late[self._is_beyond] *= self._beyond(*beyond)
+        return np.asarray(late)
 
 
 class Ramp:
@@ -167,7 +207,7 @@ class Ramp:
         )
         self._count = len(sweep.motor_angle_rad)
         self._length = int(scipy.fft.next_fast_len(self._count, real=True))
-        self._fine_hz = scipy.fft.rfftfreq(self._length * self._motion.per_sample, self._motion.step_s)
+        self._sensor = setting.sensor(self._length * self._motion.per_sample, self._motion.step_s, self._period_s)
         turned = int(np.flatnonzero(sweep.direction == sweep.direction[np.flatnonzero(sweep.direction)[0]])[-1])
         later = np.flatnonzero(sweep.direction[turned:] == -sweep.direction[turned])
         between = turned + (int(later[0]) // 2 if len(later) else 0)
@@ -188,17 +228,6 @@ class Ramp:
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
         rounded = np.random.default_rng(begins_at).uniform(-0.5, 0.5, self._count) * step
         self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
-        self._is_beyond = slice(int(np.searchsorted(self._fine_hz, 0.5 / self._period_s, "right")), None)
-        # most unknowns change none of these
-        self._gain, self._turn, self._beyond = (
-            lru_cache(maxsize=4)(partial(function, hz))
-            for function, hz in (
-                (_gain, self._fine_hz),
-                (_turn, self._fine_hz),
-                (_beyond, 2.0 * self._period_s * self._fine_hz[self._is_beyond] - 1.0),
-            )
-        )
-
     def _spectra(self, signals: Real) -> list[Complex]:
         """Spectra of each part in the band, without its straight line; a row for each signal."""
         made = []
@@ -223,15 +252,17 @@ class Ramp:
             unknowns: A vector of each; shape (arms, unknowns).
         """
         waves = unknowns[:, self._setting.waves]
-        motions = np.stack([self._motion.with_error(each) for each in (waves if np.any(waves != waves[0]) else waves[:1])])
+        motions = np.empty((len(waves) if np.any(waves != waves[0]) else 1, *self._motion.rigid.shape))
+        for each, motion in zip(waves, motions, strict=False):
+            self._motion.with_error(each, motion)
         records = np.concatenate([law.record(*self._began(p)) for p, law in zip(unknowns, laws, strict=True)])
         accelerations = follow_alike(records, motions, self._motion.step_s)
         return np.asarray(scipy.fft.rfft(accelerations, self._length * self._motion.per_sample))
 
     def largest(self, moved: Complex) -> float:
         """Largest acceleration in the band, in rad/s², of a simulated spectrum."""
-        low, high = self._setting.band_hz
-        return float(np.max(np.abs(scipy.fft.irfft(np.where((self._fine_hz > low) & (self._fine_hz < high), moved, 0.0)))))
+        (low, high), hz = self._setting.band_hz, self._sensor.hz
+        return float(np.max(np.abs(scipy.fft.irfft(np.where((hz > low) & (hz < high), moved, 0.0)))))
 
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
         """Spectra of each part as the sensor shows them, of one at the integration's steps."""
@@ -243,19 +274,10 @@ class Ramp:
         Args:
             unknowns: A vector for each; shape (spectra, unknowns).
         """
-        every = self._motion.per_sample
-        late = np.stack([_folded(self._late(*each), self._length, every) for each in zip(moved, unknowns, strict=True)])
+        every, setting = self._motion.per_sample, self._setting
+        shown = (self._sensor.shown(each, setting.lever_m, setting.shared(p)) for each, p in zip(moved, unknowns, strict=True))
+        late = np.stack([_folded(each, self._length, every) for each in shown])
         return self._spectra(scipy.fft.irfft(late, self._length)[:, : self._count] / every)
-
-    def _late(self, moved: Complex, p: Real) -> Complex:
-        """Spectrum behind the sensor, at the integration's steps."""
-        v = self._setting.shared(p)
-        turn = self._turn(v["resonance"], v["delay"], v["dispersion"])
-        late = moved * self._setting.lever_m * self._gain(v["resonance"], v["bend"], v["droop"]) * turn
-        beyond = [v[name] + 1j * v[other] for name, other in zip(OF_IMAGES[::2], OF_IMAGES[1::2], strict=True)]
-        if any(beyond):
-            late[self._is_beyond] *= self._beyond(*beyond)
-        return np.asarray(late)
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
         """Power that one draw of the rounding adds, simulated; per sample."""
