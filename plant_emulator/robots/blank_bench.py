@@ -27,6 +27,8 @@ TRAVEL = 0.4
 LEAST_SPEED_RPS, SPEED_PER_HZ = 15.0, 1.5
 ACCELERATIONS_RPS_S = (4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
 DECELERATION_RPS_S = 20.0
+_LARGEST_COUNTS_S2 = 2**32 - 1
+"""Largest acceleration that 60C5h and 60C6h can hold, in counts/s²."""
 BAND_OVER_MODE = (0.55, 2.4)
 """Band in which an arm's line is judged over the frequency at which it is seen to ring: that of the reference arm."""
 SECOND_ORDER_END = 0.68
@@ -150,10 +152,11 @@ def speed_limit_rps(axis: RobotAxis) -> float:
 def acceleration_limit_rps_s(axis: RobotAxis) -> float:
     """Return the largest motor acceleration.
 
-    The torque gives it to rotor and arm, in two digits, as an engineer sizes a drive.
+    The torque gives it to rotor and arm, in two digits, as an engineer sizes a drive, and 60C5h can hold it.
     """
     inertia = axis.motor_inertia_kg_m2 + axis.arm_inertia_kg_m2 / axis.reduction_ratio**2
-    return float(f"{axis.torque_limit_nm / (math.tau * inertia):.2g}")
+    largest = _LARGEST_COUNTS_S2 / axis.encoder_counts_per_rev
+    return min(float(f"{axis.torque_limit_nm / (math.tau * inertia):.2g}"), float(math.floor(largest)))
 
 
 def travel_rev(axis: RobotAxis) -> float:

@@ -315,7 +315,10 @@ class DriveAxis:
         """Write one limit, if the drive has a parameter for it."""
         name = limit.held_by(self.profile)
         if name is not None:
-            self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
+            try:
+                self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
+            except NotPossibleError as error:
+                raise NotPossibleError(f"{error}: choose a limits.{limit.key} that the drive can hold") from error
 
     def write_gains(self, loop: LoopName) -> None:
         """Write the P-PI gains, unless the drive keeps its own."""

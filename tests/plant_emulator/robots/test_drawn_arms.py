@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from drive_profiles.files.toml import loads
 from hil.arm.masses import mass_matrix
 from hil.bench.bench import Bench, load_bench
+from hil.errors import NotPossibleError
 from hil.experiments.motions import line_motion
 from hil.master.session import Session
 from hil.recording import BusLog
@@ -69,8 +70,10 @@ def test_its_bench_knows_its_joints_and_no_masses_and_has_a_line_that_it_can_fol
 
 
 @pytest.mark.slow
-def test_a_drawn_arm_follows_its_line_behind_the_master():
-    robot = draw_arm(5)
+@pytest.mark.parametrize("seed", [5, 135])
+def test_a_drawn_arm_follows_its_line_behind_the_master(seed):
+    """The bench file of 135 stated 4100 rev/s² of 2²⁰ counts: more than a drive's object holds, so that every run was refused."""
+    robot = draw_arm(seed)
     bench = loads(blank_bench(robot), Bench)
     session = Session(bench, InProcessChannel(World(robot)), BusLog(None))
     with session:
@@ -79,6 +82,15 @@ def test_a_drawn_arm_follows_its_line_behind_the_master():
     assert result.stopped is None
     for number in (2, 3):
         assert np.ptp(result.recording.axis(number, "position_rad")) > 5.0
+
+
+def test_a_limit_that_no_drive_can_hold_is_refused_by_its_key():
+    robot = draw_arm(135)
+    bench = loads(blank_bench(robot).replace("= 4095", "= 4100"), Bench)
+    with Session(bench, InProcessChannel(World(robot)), BusLog(None)) as session:
+        session.bring_up()
+        with pytest.raises(NotPossibleError, match=r"25761.*: choose a limits\.acceleration_rps_s that the drive can hold"):
+            session.run(line_motion(bench, 0.002), "none", "drive")
 
 
 def test_the_command_writes_arms_with_their_benches_and_overwrites_nothing(tmp_path):
