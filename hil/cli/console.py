@@ -178,7 +178,7 @@ def show_comparison(result: "TreatmentTable", *, err: bool = False) -> None:
         typer.echo(f"{robot.name} ({robot.bus}){line}", err=err)
     for made in (*(compare.experiment(result, *case) for case in compare.cases(result)), compare.left_out(result)):
         if made.rows:
-            table(made.title, made.header, [tuple(map(str, row)) for row in made.rows], err=err)
+            table(made.title, made.header, made.texts(), err=err)
 
 
 def tell_result(result: "Result", where: Path, summary: Callable[[], None], model: Path | None = None, *, as_json: bool) -> None:

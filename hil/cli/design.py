@@ -199,26 +199,14 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
         raise exit_with(outcome.failure)
 
 
-_MARGINS = (("M_s", 3), ("phase margin", 2), ("gain margin", 2))
-"""Margins of the summary, with their digits."""
-
-
 def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None], *, as_json: bool) -> None:
     """Print filters, margins and predicted peaks."""
     from hil.design.uncertainty import plants_words
+    from hil.report.pages.design import peaks, requirements
 
     show(
         f"axis {outcome.request.axis}, plant from {outcome.source}, loop every {1e6 * outcome.problem.period_s:g} µs with "
         f"{outcome.problem.delay_samples} samples of delay, {plants_words(outcome.problem.members)}, {outcome.seconds:.1f} s"
     )
-    rows: list[tuple[str, ...]] = []
-    for name, verdict in (("none", outcome.none), ("given", outcome.given), ("designed", outcome.designed)):
-        if verdict is None:
-            continue
-        worst = {check.name: check.value for check in verdict.checks}
-        for row in verdict.peaks:
-            line = worst[f"|G_al| on the line over constraint (5), k = {row.order},"]
-            peaks = (f"{row.rising_mm:.4f}", f"{row.falling_mm:.4f}", f"{row.worst_mm:.4f}")
-            margins = (*(f"{verdict.worst(name):.{digits}f}" for name, digits in _MARGINS), f"{line:.3f}")
-            rows.append((name, str(row.order), *peaks, *margins))
-    table("", ("filters", "k", "peak mm", "falling", "worst", "M_s", "phase °", "gain dB", "(5)"), rows, err=as_json)
+    for made in (peaks(outcome), requirements(outcome)):
+        table(made.title, made.header, made.texts(), err=as_json)

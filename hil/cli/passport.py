@@ -54,6 +54,7 @@ def passport(
         from hil.passport.origin import Motor
         from hil.passport.store import add, read
         from hil.passport.watch import origins, trends
+        from hil.report.pages.passport import table as table_of_orders
         from hil.report.pages.passport import write_passport
         from hil.results.base import RESULT_FILE
 
@@ -83,7 +84,8 @@ def passport(
         if as_json:
             typer.echo(json.dumps([_entry(trend) for trend in found], indent=2, ensure_ascii=False))
         else:
-            _table(found)
+            orders = table_of_orders(found)
+            table("", orders.header, orders.texts())
         say_page(page)
         shown = {(trend.robot, trend.axis, trend.order) for trend in found}
         for each in told:  # no model file has these orders, since they are the motor's
@@ -132,15 +134,3 @@ def _entry(trend: "Trend") -> dict[str, object]:
         "alarmed_since": None if first is None else trend.dates[first], "explained": trend.watch.explained,
         "origin": trend.origin,
     }  # fmt: skip
-
-
-def _table(found: "list[Trend]") -> None:
-    rows = []
-    for trend in found:
-        first = trend.watch.first
-        state = f"since {trend.dates[first][:10]}" if first is not None else "no" if trend.is_watched else "too few runs"
-        value = f"{trend.values[-1]:.2f} ± {trend.errors[-1]:.2f} {trend.unit}"
-        count, before = str(len(trend.values)), f"{trend.watch.expected:.2f}"
-        gear = trend.robot, str(trend.axis), trend.symbol
-        rows.append((*gear, count, before, value, state, trend.explained_words, trend.origin))
-    table("", ("robot", "axis", "", "runs", "expected", "last", "changed", "explained by", "from"), rows)

@@ -58,6 +58,14 @@ class ReportTable:
         """False without a row: no page shows it."""
         return bool(self.rows)
 
+    def texts(self) -> list[tuple[str, ...]]:
+        """Return the rows for a terminal, with headings as rows."""
+        rows: list[tuple[str, ...]] = []
+        for index, row in enumerate(self.rows):
+            rows += [(self.groups[index], *[""] * (len(self.header) - 1))] if index in self.groups else []
+            rows.append(tuple(map(str, row)))
+        return rows
+
     def markdown(self) -> str:
         """Return the table as Markdown, with headings as rows."""
         lines = [_markdown(self.header), f"|{'---|' * len(self.header)}"]

@@ -59,7 +59,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON documen
 
 def show(made: "ReportTable") -> None:
     """Print a table of a report."""
-    table(made.title, made.header, [tuple(map(str, row)) for row in made.rows])
+    table(made.title, made.header, made.texts())
     if made.caption:
         typer.echo(made.caption.replace("`", ""))
 

@@ -93,15 +93,16 @@ def table(trends: Sequence[Trend]) -> ReportTable:
         rows.append([
             f"{trend.robot}, axis {trend.axis}", trend.symbol, trend.unit, str(len(trend.values)), trend.dates[-1][:10],
             number(trend.watch.expected, "{:.4g}"), scatter, last, state, trend.explained_words or NONE,
+            trend.origin or NONE,
         ])  # fmt: skip
-    header = ("gear", "", "unit", "runs", "last", "expected", "scatter", "last run", "change", "explained by")
+    header = ("gear", "", "unit", "runs", "last", "expected", "scatter", "last run", "change", "explained by", "from")
     caption = (
         f"Fewer than one in {1.0 / FALSE_ALARMS:.0f} runs of a gear give a false alarm, counting all its orders. An alarm is a "
         "jump out of the range that the earlier runs predict under the run's conditions, or a drift of their cumulative sums. "
         "An alarm stays from its first run on; --since starts anew. Scatter: that of the earlier runs, without the part "
         "that their conditions explain."
     )
-    return ReportTable("orders", "Orders", header, rows, {0, 1, 2, 4, 8, 9}, caption)
+    return ReportTable("orders", "Orders", header, rows, {0, 1, 2, 4, 8, 9, 10}, caption)
 
 
 ALONE = np.timedelta64(7, "D")
