@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.measurement import MeasurementOutcome
     from hil.experiments.plan import Experiment
+    from hil.report.report_table import ReportTable
     from hil.results.base import Result
     from hil.results.comparison import TreatmentTable
 
@@ -168,6 +169,14 @@ def echo_lines(lines: Iterable[str], *, err: bool = False) -> None:
         typer.echo(line, err=err)
 
 
+def show(*tables: "ReportTable | None", err: bool = False) -> None:
+    """Print tables of a report that have rows."""
+    for made in tables:
+        if made is not None and made.rows:
+            header, *rows = made.texts()
+            table(made.title, header, rows, err=err)
+
+
 def show_comparison(result: "TreatmentTable", *, err: bool = False) -> None:
     """Print the tables of a comparison's report, a table for each experiment."""
     from hil.counting import axes_in_words
@@ -176,9 +185,7 @@ def show_comparison(result: "TreatmentTable", *, err: bool = False) -> None:
     for robot in result.robots:
         line = f", line motion of {axes_in_words(robot.line_axes)}" if robot.line_axes else ""
         typer.echo(f"{robot.name} ({robot.bus}){line}", err=err)
-    for made in (*(compare.experiment(result, *case) for case in compare.cases(result)), compare.left_out(result)):
-        if made.rows:
-            table(made.title, made.header, made.texts(), err=err)
+    show(*(compare.experiment(result, *case) for case in compare.cases(result)), compare.left_out(result), err=err)
 
 
 def tell_result(result: "Result", where: Path, summary: Callable[[], None], model: Path | None = None, *, as_json: bool) -> None:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drive_profiles.cli.application import Tool
-from drive_profiles.cli.console import fail, table
+from drive_profiles.cli.console import fail
 from drive_profiles.processors import usable_processors
+from hil.cli import console
 from hil.cli.console import ExitStatus, RunProgress, epilog_without_motion, exit_on_error, exit_with, result_directory, say
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
 from hil.errors import NotPossibleError
@@ -208,5 +209,4 @@ def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None], *, as_j
         f"axis {outcome.request.axis}, plant from {outcome.source}, loop every {1e6 * outcome.problem.period_s:g} µs with "
         f"{outcome.problem.delay_samples} samples of delay, {plants_words(outcome.problem.members)}, {outcome.seconds:.1f} s"
     )
-    for made in (peaks(outcome), requirements(outcome)):
-        table(made.title, made.header, made.texts(), err=as_json)
+    console.show(peaks(outcome), requirements(outcome), err=as_json)

@@ -1,13 +1,11 @@
 """`hil identify ate`: the transmission error of one axis."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.standard.shown import measured
 from hil.cli import console, options
 from hil.cli import identify_recording as recorded
 from hil.cli.console import ExitStatus
@@ -96,39 +94,23 @@ def ate(
         if outcome.part is not None:
             update_file(file, bench.name, axis, outcome.part)
         written = None if outcome.part is None else file
-        console.tell_measurement(outcome, where, lambda: _summary(outcome), written, as_json=given.as_json)
+        console.tell_measurement(outcome, where, lambda: _summary(outcome, where), written, as_json=given.as_json)
         if not outcome.result.is_within_goal:
             raise typer.Exit(ExitStatus.NOT_MET)
 
 
-def _summary(outcome: "AteOutcome") -> None:
-    """Print the identified numbers."""
-    part, result = outcome.part, outcome.result
-    fit = result.fit
-    if part is None or fit is None:
+def _summary(outcome: "AteOutcome", where: Path) -> None:
+    """Print the tables of the result's page, and the notes."""
+    from hil.report.figures import ate as figures
+
+    material = figures.AteMaterial(where, outcome.result)
+    if material.part is None:
         return
-    typer.echo(f"axis {result.axis}, {len(result.passes)} passes, {part.learnt_by}")
-    rows = [(each.name, f"{each.letter}_{each.order:g}", each.value, each.unit) for each in part.numbers()]
-    for name, symbol, value, unit in (*rows, ("arm_hz", "f_a", part.arm_hz, "Hz"), ("damping", "ζ", part.damping, "")):
-        if value is not None:
-            typer.echo(f"  {symbol:<6}{measured(value, part.standard_error[name])} {unit}".rstrip())
-    late = "torque" if result.sensorless else result.bench.file.accelerometer.title
-    delay_s = fit.delay_s if result.sensorless else part.accelerometer_delay_s
-    typer.echo(f"  the {late} lags the motor angle by {1e3 * delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
-    worst = max(fit.agreement, key=lambda each: each.sigma)
-    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} times the limit of the noise ({worst.name})")
-    typer.echo(
-        f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration{_by_order(fit.carried)}"
-    )
-    for note in result.notes or ():
+    typer.echo(f"axis {material.axis}, {len(outcome.result.passes)} passes, {material.part.learnt_by}")
+    error = figures.errors(material.axis, material.part, is_sensorless=material.is_sensorless)
+    console.show(error, figures.arm(material), figures.agreement(material))
+    for note in outcome.result.notes or ():
         typer.echo(f"  note: {note}")
-
-
-def _by_order(carried: "Mapping[str, float] | None") -> str:
-    """Return each order's part of the vibration, the largest first."""
-    parts = sorted((carried or {}).items(), key=lambda each: -each[1])
-    words = ", ".join(f"order {order} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
-    return f": {words}" if words else ""
 
 
 def _motion_line(bench: "Bench", request: "AteRequest", ramp: "Ramp") -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import fail, numbered, table
-from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say, say_left_out, say_page
+from drive_profiles.cli.console import fail, numbered
+from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say, say_left_out, say_page, show
 from hil.cli.options import JsonOption
 from hil.errors import NotPossibleError
 
@@ -84,8 +84,7 @@ def passport(
         if as_json:
             typer.echo(json.dumps([_entry(trend) for trend in found], indent=2, ensure_ascii=False))
         else:
-            orders = table_of_orders(found)
-            table("", orders.header, orders.texts())
+            show(table_of_orders(found))
         say_page(page)
         shown = {(trend.robot, trend.axis, trend.order) for trend in found}
         for each in told:  # no model file has these orders, since they are the motor's

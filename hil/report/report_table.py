@@ -6,6 +6,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from markupsafe import Markup
+
 NONE = "–"
 
 
@@ -59,12 +61,12 @@ class ReportTable:
         return bool(self.rows)
 
     def texts(self) -> list[tuple[str, ...]]:
-        """Return the rows for a terminal, with headings as rows."""
-        rows: list[tuple[str, ...]] = []
+        """Return header and rows for a terminal, with headings as rows."""
+        rows: list[Sequence[Cell]] = [self.header]
         for index, row in enumerate(self.rows):
             rows += [(self.groups[index], *[""] * (len(self.header) - 1))] if index in self.groups else []
-            rows.append(tuple(map(str, row)))
-        return rows
+            rows.append(row)
+        return [tuple(cell.striptags() if isinstance(cell, Markup) else str(cell) for cell in row) for row in rows]
 
     def markdown(self) -> str:
         """Return the table as Markdown, with headings as rows."""

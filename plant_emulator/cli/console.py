@@ -59,7 +59,8 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON documen
 
 def show(made: "ReportTable") -> None:
     """Print a table of a report."""
-    table(made.title, made.header, made.texts())
+    header, *rows = made.texts()
+    table(made.title, header, rows)
     if made.caption:
         typer.echo(made.caption.replace("`", ""))
 

@@ -280,12 +280,15 @@ def arm(material: AteMaterial) -> ReportTable | None:
     delays_s = fit.delay_s if material.is_sensorless else part.accelerometer_delay_s, fit.delay_error_s
     motion = (number(fit.motion_scale, "{:.3f}"), number(fit.motion_scale_error, "{:.3f}"))
     late = "torque" if material.is_sensorless else material.result.bench.file.accelerometer.title
+    carried = sorted((fit.carried or {}).items(), key=lambda each: -each[1])
+    orders: list[list[Cell]] = [[f"of it order {order}", "%", number(100.0 * each, "{:.0f}"), ""] for order, each in carried]
     rows: list[list[Cell]] = [
-        [f"arm on its gear{torsion}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
+        [f"f_a, arm on its gear{torsion}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
         ["its damping ζ", "", number(part.damping, "{:.4f}"), number(errors.get("damping"), "{:.4f}")],
         [f"delay of the {late} behind the motor angle", "ms", *(number(1e3 * each, "{:.3f}") for each in delays_s)],
         ["gain of the motor's own motion (1: lever and ratio are right)", "", *motion],
         ["share of the vibration that θ_sync explains", "%", number(100.0 * fit.explained_by_error, "{:.2f}"), ""],
+        *orders,
         ["residual in the band", material.unit, number(fit.residual, "{:.4f}"), ""],
     ]
     caption = (
