@@ -17,6 +17,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.cancellation.learn_run import LearnRequest
     from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest
     from hil.experiments.measurement import MeasurementOutcome
+    from hil.results.learning import LearningResult, MotionLearningResult
 
 LEARN_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "learnt",
@@ -97,25 +98,36 @@ def learn(
         reporter = console.SpokenReporter()
         with shown_live(given.live, bench.bus.address, bench_file):
             if motion is None:
-                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
+                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
 
                 ramps = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
                 console.confirm_motion(bench, _motion_lines(bench, ramps), yes=given.yes)
-                outcome = by_ramps = learn_on_bus(
-                    bench, ramps, where, model, plant=plant, overload=given.overload, reporter=reporter
-                )
-                lines = summary(by_ramps)
+                outcome = learn_on_bus(bench, ramps, where, model, plant=plant, overload=given.overload, reporter=reporter)
             else:
-                from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest, learn_motion_on_bus, motion_summary
+                from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest, learn_motion_on_bus
 
                 probes = MotionLearnRequest(motion, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
                 console.confirm_motion(bench, _probing_lines(bench, probes), yes=given.yes)
-                outcome = by_probes = learn_motion_on_bus(
+                outcome = learn_motion_on_bus(
                     bench, probes, where, model, plant=plant, overload=given.overload, reporter=reporter
                 )
-                lines = motion_summary(by_probes)
             written = model if outcome.result.learnt else None
-            console.tell_measurement(outcome, where, lambda: console.echo_lines(lines), written, as_json=given.as_json)
+            console.tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=given.as_json)
+
+
+def _summary(result: "LearningResult | MotionLearningResult") -> None:
+    """Print verdict and tables of the result's page."""
+    from hil.report.pages import learn as ramps
+    from hil.report.pages import learn_motion as probing
+    from hil.results.learning import LearningResult
+
+    if isinstance(result, LearningResult):
+        said = ramps.verdict(result)
+        console.show(ramps.estimates(result), ramps.passes(result))
+    else:
+        said = probing.verdict(result)
+        console.show(probing.parts(result), probing.runs(result))
+    console.echo_lines((said.headline, *said.details))
 
 
 def _check(axes: tuple[int, ...], motion: str | None, pace: float | None) -> None:

@@ -30,7 +30,7 @@ from hil.experiments.cancellation.cancellation import (
 )
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.inside import cancel_inside
-from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
+from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
 from hil.experiments.cancellation.learning import learn
 from hil.experiments.cancellation.trial import averaged, choose, verify
 from hil.experiments.cancellation.verification import CancellationRefusedError
@@ -39,6 +39,7 @@ from hil.experiments.motions import constant_acceleration, line_motion
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
+from hil.report.pages.learn import estimates
 from hil.robot_tables import PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
@@ -274,7 +275,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
     assert kept.note.endswith("2 passes; no load")
     assert len(list((tmp_path / "out" / "runs").glob("learn-axis3-pass*.csv"))) == 2
     assert json.loads((tmp_path / "out" / "result.json").read_text())["learnt"][0]["ate"]["learnt_by"] == "adaptive"
-    assert any(line.startswith("axis 3: ") and "A_2 = " in line for line in summary(outcome))
+    assert [row[:2] for row in estimates(outcome.result).rows] == [["axis 3", "1"], ["axis 3", "2"]]
     other = bench.model_copy(update={"name": "other"})
     for asked, of, message in (
         (LearnRequest((4,)), bench, "has no axis 4"),

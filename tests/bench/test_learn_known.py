@@ -7,7 +7,8 @@ import pytest
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError, load_identified
-from hil.experiments.cancellation.learn_run import LearningOutcome, LearnRequest, learn_on_bus, summary
+from hil.experiments.cancellation.learn_run import LearningOutcome, LearnRequest, learn_on_bus
+from hil.report.pages.learn import verdict
 from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import drawn
@@ -62,7 +63,7 @@ def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) ->
     assert part.standard_error["a2_arcsec"] < 1.0
     assert values.a2_arcsec != true.a2_arcsec
     assert "order 1" in part.note
-    assert any("order 1 keeps its known values" in line for line in summary(end))
+    assert any("order 1 keeps its known values" in line for line in verdict(end.result).details)
     assert 1 in {verdict.part.order for verdict in end.learnt[AXIS].passes[-1].verdicts}, "the passes cancel it too"
     assert end.learnt[AXIS].reduction_fraction > 0.3
 
@@ -73,7 +74,7 @@ def test_learning_goes_on_through_the_order_that_the_motion_meets(tmp_path: Path
     true, part, end = learnt_from(tmp_path, passes=4, a1_factor=0.95, rounds_only=rounds_only)
     assert part.values.a1_arcsec == pytest.approx(true.a1_arcsec, rel=0.015), "known 5 % too small"
     assert part.values.phi1_deg == pytest.approx(true.phi1_deg, abs=0.5)
-    assert not any("order 1 is kept" in line for line in summary(end))
+    assert not any("order 1 is kept" in line for line in verdict(end.result).details)
     assert end.learnt[AXIS].reduction_fraction > 0.5
 
 

@@ -1,6 +1,6 @@
 """Run of `hil learn`: adaptive cancellation of some axes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -8,7 +8,6 @@ from pathlib import Path
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, identified_axis, load_identified, update_file
 from hil.can.channel import Channel
-from hil.design.estimation import FAR_SIGMAS
 from hil.design.inverse import Actuation
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S
@@ -152,22 +151,3 @@ def _enter(measurement: Measurement[LearningResult], axis: int, number: int, res
         axis=axis, number=number, acceleration_rps_s=ramp.acceleration_rps_s, end_rps=ramp.end_rps, **made
     )  # fmt: skip
     measurement.result.runs.append(entry)
-
-
-def summary(outcome: LearningOutcome) -> Sequence[str]:
-    """Estimates and reduction of the vibration as text, a line per axis."""
-    lines = []
-    for axis, learnt in outcome.learnt.items():
-        correction = learnt.correction
-        orders = ", ".join(value.words(k) for k, value in learnt.values().items() if value.source == "learnt")
-        delay_ms, error_ms = 1e3 * correction.set_point_delay_s, 1e3 * correction.delay_error_s
-        is_late = delay_ms > FAR_SIGMAS * error_ms
-        late = f"; the motor follows {delay_ms:.2f} ± {error_ms:.2f} ms later than expected" if is_late else ""
-        lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
-        lines += [f"axis {axis}: {words}" for words in learnt.kept()]
-        lines += [f"axis {axis}: note: {words}" for words in learnt.notes]
-        found = orders or "no value has improved"
-        lines.append(
-            f"axis {axis}: {found}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
-        )
-    return lines

@@ -107,6 +107,7 @@ def verdict(result: LearningResult) -> PageVerdict:
     learnt = [f"In the model file {result.model}: {names}."] if result.learnt else []
     learnt += [f"Axis {each.axis}: {words}." for each in result.learnt for words in each.kept]
     learnt += [f"Left out: {words}." for each in result.learnt for words in each.left_out]
+    learnt += [f"Axis {each.axis}: {words}." for each in result.learnt for words in each.notes]
     if result.stopped is not None:
         return PageVerdict("stopped", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:

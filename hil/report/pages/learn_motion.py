@@ -75,6 +75,11 @@ def runs(result: MotionLearningResult) -> ReportTable:
 def verdict(result: MotionLearningResult) -> PageVerdict:
     """Verdict at the top of the page."""
     left = [f"{each.words}." for each in result.parts if each.outcome != "learnt"]
+    left += [
+        f"Axis {each.axis}: its gear reacts on its motor, with {each.ate.motor_friction_nm:.3f} N·m of friction in addition."
+        for each in result.learnt
+        if each.ate.gear_reaction > 0.0
+    ]
     if result.stopped is not None:
         return PageVerdict("stopped", "A run was stopped", (result.stopped,))
     if result.not_learnt is not None:

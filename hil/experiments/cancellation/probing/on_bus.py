@@ -3,7 +3,7 @@
 import cmath
 import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -220,22 +220,3 @@ def _part_entry(learning: MotionLearning, part: Part) -> ProbedPart:
         a_error_arcsec=found.amplitude_error, phi_deg=phase, phi_error_deg=found.phase_error_deg, seen_fraction=found.seen,
         words=found.words,
     )  # fmt: skip
-
-
-def motion_summary(outcome: MotionLearningOutcome) -> Sequence[str]:
-    """Describe each learnt order of each axis in a line, and the tip."""
-    result = outcome.result
-    lines = [part.words for part in result.parts]
-    lines += [
-        f"axis {each.axis}: its gear reacts on its motor, with {each.ate.motor_friction_nm:.3f} N·m of friction in addition"
-        for each in result.learnt
-        if each.ate.gear_reaction > 0.0
-    ]
-    kept = next((run for run in result.runs if run.is_kept), None)
-    if result.base_peak_mm is not None:
-        lines.append(f"tip untreated: peak {result.base_peak_mm:.4f} mm, root mean square {result.base_rms_mm:.4f} mm")
-    if kept is not None:
-        lines.append(
-            f"tip with the learnt cancellation: peak {kept.tip_peak_mm:.4f} mm, root mean square {kept.tip_rms_mm:.4f} mm"
-        )
-    return lines
