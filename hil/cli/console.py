@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.measurement import MeasurementOutcome
     from hil.experiments.plan import Experiment
+    from hil.report.pages.page import PageVerdict
     from hil.report.report_table import ReportTable
     from hil.results.base import Result
     from hil.results.comparison import TreatmentTable
@@ -175,6 +176,13 @@ def show(*tables: "ReportTable | None", err: bool = False) -> None:
         if made is not None and made.rows:
             header, *rows = made.texts()
             table(made.title, header, rows, err=err)
+
+
+def show_page(verdict: "PageVerdict", *tables: "ReportTable | None", provenance: Iterable[tuple[str, str]] = ()) -> None:
+    """Print the verdict of a page, some of its tables, and where its numbers come from."""
+    echo_lines((verdict.headline, *filter(None, verdict.details)))
+    show(*tables)
+    echo_lines(f"{name}: {text}" for name, text in provenance)
 
 
 def show_comparison(result: "TreatmentTable", *, err: bool = False) -> None:

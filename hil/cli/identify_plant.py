@@ -8,7 +8,6 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, numbered
-from drive_profiles.standard.shown import measured
 from hil.cli import console, options
 from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, MotionOptions, shown_live
@@ -102,24 +101,11 @@ def _posture(text: str | None) -> dict[int, float]:
 
 
 def _summary(result: "PlantResult") -> None:
-    """Print the identified numbers."""
-    from hil.results.plant import PARAMETERS
+    """Print verdict, tables and sources of the result's page."""
+    from hil.report.pages import plant as page
 
-    plan, parameters = result.plan, result.parameters
-    if plan is None or parameters is None:
-        return
-    typer.echo(
-        f"axis {result.axis}: {plan.periods} periods of {plan.period_s:g} s, {plan.excitation} excitation of "
-        f"{plan.amplitude_nm:.3g} N·m at {plan.bias_rps:.3g} rev/s"
-    )
-    for each in PARAMETERS:
-        if each.name in parameters:
-            found = measured(parameters[each.name].value, parameters[each.name].standard_error)
-            typer.echo(f"  {each.symbol:<30}{found} {each.unit}".rstrip())
-    for remark in result.remarks:
-        typer.echo(f"  note: {remark}")
-    for line in result.cannot_tell or ():
-        typer.echo(f"  cannot tell: {line}")
+    console.show_page(page.verdict(result), page.parameters(result), page.modes(result), provenance=page.provenance(result))
+    console.echo_lines(f"cannot tell: {line}" for line in result.cannot_tell or ())
 
 
 def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:

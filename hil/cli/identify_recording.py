@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.standard.shown import measured
-from hil.cli.console import ExitStatus, result_directory, say, tell_result
+from hil.cli.console import ExitStatus, result_directory, say, show_page, tell_result
 from hil.cli.live import MotionOptions
 from hil.cli.options import orders_from
-from hil.counting import counted
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.results.recorded_ate import RecordedAteResult
@@ -100,19 +98,7 @@ def from_recordings(
 
 
 def _summary(result: "RecordedAteResult") -> None:
-    """Print the identified numbers."""
-    for each in result.files:
-        typer.echo(f"{each.path}: {each.rows} rows, {each.duration_s:.1f} s; {'; '.join(each.columns)}")
-    turns, stretches = sum(each.turns for each in result.stretches), len(result.stretches)
-    typer.echo(
-        f"axis {result.axis}, {result.form}, N = {result.reduction_ratio:g}: "
-        f"{counted(stretches, 'stretch', 'stretches')}, {turns:.1f} motor revolutions"
-    )
-    if result.scan is not None:
-        peaks = ", ".join(f"{peak.order:.2f}" for peak in result.scan.peaks) or "none"
-        typer.echo(f"  blind scan: highest at order {result.scan.highest.order:.2f}; above the false-alarm level: {peaks}")
-    if result.ate is not None:
-        for found in result.ate.numbers():
-            typer.echo(f"  {found.letter}_{found.order:<4g}{measured(found.value, found.error or 0.0)} {found.unit}")
-    for note in result.notes:
-        typer.echo(f"  note: {note}")
+    """Print verdict, tables and sources of the result's page."""
+    from hil.report.pages import recorded_ate as page
+
+    show_page(page.verdict(result), page.orders(result), page.stretches(result), provenance=page.provenance(result))

@@ -122,12 +122,9 @@ def _summary(result: "LearningResult | MotionLearningResult") -> None:
     from hil.results.learning import LearningResult
 
     if isinstance(result, LearningResult):
-        said = ramps.verdict(result)
-        console.show(ramps.estimates(result), ramps.passes(result))
+        console.show_page(ramps.verdict(result), ramps.estimates(result), ramps.passes(result))
     else:
-        said = probing.verdict(result)
-        console.show(probing.parts(result), probing.runs(result))
-    console.echo_lines((said.headline, *said.details))
+        console.show_page(probing.verdict(result), probing.parts(result), probing.runs(result))
 
 
 def _check(axes: tuple[int, ...], motion: str | None, pace: float | None) -> None:

@@ -16,20 +16,16 @@ Floats = Annotated[tuple[float, ...], BeforeValidator(lambda given: given.tolist
 
 
 class PlantParameter(NamedTuple):
-    """A number of an identified plant, in a summary and on a page.
+    """A number of an identified plant on a page.
 
     Attributes:
         name: Name in result.json.
-        symbol: Symbol in a summary.
-        unit: Unit of result.json and of a summary.
         title: Name on a page.
         page_unit: Unit on a page.
         scale: How many of those make one of the result's.
     """
 
     name: str
-    symbol: str
-    unit: str
     title: str
     page_unit: str
     scale: float
@@ -38,24 +34,24 @@ class PlantParameter(NamedTuple):
 PARAMETERS = tuple(
     PlantParameter(*row)
     for row in (
-        ("motor_inertia_kg_m2", "J_m", "kg·m²", "J_m, motor", "kg·cm²", 1e4),
-        ("arm_inertia_kg_m2", "J_l", "kg·m²", "J_l, arm", "kg·m²", 1.0),
-        ("gear_stiffness_nm_rad", "K_g", "N·m/rad", "K_g, gear", "kN·m/rad", 1e-3),
-        ("gear_damping_nm_s_rad", "D_g", "N·m·s/rad", "D_g, gear", "N·m·s/rad", 1.0),
-        ("motor_damping_nm_s_rad", "D_m", "N·m·s/rad", "D_m, motor", "mN·m·s/rad", 1e3),
-        ("arm_damping_nm_s_rad", "D_l", "N·m·s/rad", "D_l, arm", "N·m·s/rad", 1.0),
-        ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "N·m·s/rad", "D_m + D_l/N²", "mN·m·s/rad", 1e3),
-        ("antiresonance_hz", "f_a", "Hz", "f_a, anti-resonance", "Hz", 1.0),
-        ("resonance_hz", "f_r", "Hz", "f_r, resonance", "Hz", 1.0),
-        ("damping", "ζ", "", "ζ of the arm on its gear", "", 1.0),
-        ("friction_coulomb_nm", "τ_C", "N·m", "Coulomb friction, from slow turns", "N·m", 1.0),
-        ("friction_viscous_nm_s_rad", "friction slope", "N·m·s/rad", "Slope of the friction, from slow turns", "mN·m·s/rad", 1e3),
-        ("gravity_moment_nm", "m g l", "N·m", "m g l, gravity at the arm", "N·m", 1.0),
-        ("gravity_phase_deg", "q_0", "°", "q_0 in m g l cos(θ_l + q_0)", "°", 1.0),
-        ("lever_ratio", "lever measured / bench file's", "", "Tip lever, measured over the bench file's", "", 1.0),
-        ("torque_age_s", "age of the torque", "s", "Age of the reported torque", "µs", 1e6),
-        ("torque_lag_s", "lag of the current loop", "s", "Lag of the current loop", "µs", 1e6),
-        ("accelerometer_delay_s", "delay of the tip's signal", "s", "Delay of the tip's signal", "µs", 1e6),
+        ("motor_inertia_kg_m2", "J_m, motor", "kg·cm²", 1e4),
+        ("arm_inertia_kg_m2", "J_l, arm", "kg·m²", 1.0),
+        ("gear_stiffness_nm_rad", "K_g, gear", "kN·m/rad", 1e-3),
+        ("gear_damping_nm_s_rad", "D_g, gear", "N·m·s/rad", 1.0),
+        ("motor_damping_nm_s_rad", "D_m, motor", "mN·m·s/rad", 1e3),
+        ("arm_damping_nm_s_rad", "D_l, arm", "N·m·s/rad", 1.0),
+        ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "mN·m·s/rad", 1e3),
+        ("antiresonance_hz", "f_a, anti-resonance", "Hz", 1.0),
+        ("resonance_hz", "f_r, resonance", "Hz", 1.0),
+        ("damping", "ζ of the arm on its gear", "", 1.0),
+        ("friction_coulomb_nm", "Coulomb friction, from slow turns", "N·m", 1.0),
+        ("friction_viscous_nm_s_rad", "Slope of the friction, from slow turns", "mN·m·s/rad", 1e3),
+        ("gravity_moment_nm", "m g l, gravity at the arm", "N·m", 1.0),
+        ("gravity_phase_deg", "q_0 in m g l cos(θ_l + q_0)", "°", 1.0),
+        ("lever_ratio", "Tip lever, measured over the bench file's", "", 1.0),
+        ("torque_age_s", "Age of the reported torque", "µs", 1e6),
+        ("torque_lag_s", "Lag of the current loop", "µs", 1e6),
+        ("accelerometer_delay_s", "Delay of the tip's signal", "µs", 1e6),
     )
 )
 """Numbers of an identified plant in the order in which they are shown."""

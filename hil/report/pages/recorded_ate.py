@@ -57,12 +57,16 @@ def sections(directory: Path, result: RecordedAteResult) -> list[Section]:
 
 def verdict(result: RecordedAteResult) -> PageVerdict:
     """Verdict at the top of the page."""
+    scan, found = result.scan, []
+    if scan is not None:
+        above = ", ".join(f"{peak.order:.2f}" for peak in scan.peaks) or "none"
+        found = [f"Blind scan: highest at order {scan.highest.order:.2f}; above the false-alarm level: {above}."]
     if result.ate is None or not result.is_identified:
-        return PageVerdict("bad", "No order exceeds its noise", (result.not_identified or "", *result.notes))
-    numbers = ", ".join(values_in_words(result.ate))
+        return PageVerdict("bad", "No order exceeds its noise", (result.not_identified or "", *found, *result.notes))
+    details = (", ".join(values_in_words(result.ate)), *found, *result.notes)
     if any(each.is_seen for each in result.changes):
-        return PageVerdict("open", "The transmission error is identified, and it changes", (numbers, *result.notes))
-    return PageVerdict("good", "The transmission error is identified", (numbers, *result.notes))
+        return PageVerdict("open", "The transmission error is identified, and it changes", details)
+    return PageVerdict("good", "The transmission error is identified", details)
 
 
 def provenance(result: RecordedAteResult) -> list[tuple[str, str]]:

@@ -64,12 +64,14 @@ def test_the_summary_gives_every_number_with_its_error(capsys: pytest.CaptureFix
             axis=2,
             request=request,
             plan=plan,
-            parameters={"gear_stiffness_nm_rad": number},
+            parameters={"gear_stiffness_nm_rad": number, "antiresonance_hz": EstimatedParameter(12.4331, 0.0042)},
+            misfit=1.0,
             remarks=("r",),
             cannot_tell=("c",),
         )
     )
     text = capsys.readouterr().out
-    assert "48950 ± 38" in text
-    assert "note: r" in text
+    assert "K_g, gear" in text
+    assert "K_g = 48.95 ± 0.04 kN·m/rad" in text
+    assert "r\n" in text.splitlines(keepends=True)
     assert "cannot tell: c" in text

@@ -33,8 +33,9 @@ def test_it_writes_model_file_curves_and_report(tmp_path: Path) -> None:
     )
     assert found.exit_code == 0, found.stderr
     assert "motor: encoder_motorinc_1 (2^24/rev), by its name" in found.stdout
-    assert "N = 121: 1 stretch, 6.9 motor revolutions" in found.stdout
-    assert "blind scan: highest at order 1.99" in found.stdout
+    assert "Reduction ratio: 121\n" in found.stdout
+    assert next(line.split()[1:3] for line in found.stdout.splitlines() if line.startswith("joint_1")) == ["forwards", "6.9"]
+    assert "Blind scan: highest at order 1.99" in found.stdout
     identified = load_identified(model)
     assert identified.robot == "LARA 8"
     assert identified.axis[1].ate is not None
