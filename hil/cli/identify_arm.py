@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, result_directory, tell_result
+from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, result_directory, show_page, tell_result
 from hil.cli.options import BenchOption, ForceOption, JsonOption, NewOutOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -51,13 +51,10 @@ def arm(
 
 
 def _summary(result: "ArmResult") -> None:
-    """Print gears, dips along the line, and notes."""
-    known = result.arm
-    typer.echo(f"{known.postures} postures, misfit {known.misfit:.2f} standard errors")
-    for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True):
-        typer.echo(f"  K_g of axis {axis}: {stiffness:.0f} ± {error:.0f} N·m/rad")
+    """Print verdict and tables of the result's page, and dips along the line."""
+    from hil.report.pages import arm as page
+
+    show_page(page.verdict(result), page.dips(result), page.gears(result))
     for row in result.line[:: max(1, (len(result.line) - 1) // 4)]:
         dips = ", ".join(f"{hz:.2f} ± {off:.2f}" for hz, off in zip(row.dips_hz, row.standard_error_hz, strict=True))
         typer.echo(f"  rings at {100.0 * row.way_fraction:.0f} % of the line: {dips} Hz")
-    for note in result.notes:
-        typer.echo(f"  note: {note}")

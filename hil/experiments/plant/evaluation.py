@@ -1,10 +1,10 @@
 """Evaluation of a plant identification."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drive_profiles.standard.shown import measured
 from hil.bench.model import Correlation, IdentifiedMode, IdentifiedPlant
 from hil.control.angles import ARCSEC
 from hil.design.estimation import EstimatedMode, EstimatedParameter
@@ -121,7 +121,4 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction, viscous: EstimatedP
 
 
 def _shown(parameter: EstimatedParameter) -> str:
-    """Format value and standard error to the error's first digit."""
-    error = parameter.standard_error
-    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}")))) if 0.0 < error < math.inf else 3
-    return f"{parameter.value:.{digits}f} ± {error:.{digits}f}"
+    return measured(parameter.value, parameter.standard_error)
