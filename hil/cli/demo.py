@@ -169,17 +169,14 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
 
 def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int:
     """Write the page of a tour, print its results, and return the exit status."""
-    from hil.report.tables.compare import notch_sentences
+    from hil.report.tables import compare as tables
     from hil.report.writer import write_report_of
 
     page = write_report_of(folder)
     console.show_comparison(done.result, err=as_json)
-    console.echo_lines(notch_sentences(done.result), err=as_json)
+    console.echo_lines(tables.notch_sentences(done.result), err=as_json)
     claims = done.result.tour.claims or ()
-    for claim in claims:
-        found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")
-        verdict = {True: "holds", False: "does not hold", None: "not judged"}[claim.holds]
-        typer.echo(f"{verdict}: {claim.claim}: {found}", err=as_json)
+    console.show(tables.claims(done.result), err=as_json)
     console.say(f"{what}: {page}")
     for unmet in [] if done.comparison is None else done.comparison.unmet:
         console.say(f"not compared: {unmet}")
