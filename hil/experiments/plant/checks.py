@@ -8,7 +8,7 @@ import numpy as np
 from hil.control.arrays import Real
 from hil.design.estimation import SURE_SIGMAS
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
-from hil.design.plant_problem import OUTSIDE
+from hil.design.plant_problem import LEVER_RATIO, OUTSIDE
 from hil.errors import HilError, RefusalCause
 from hil.experiments.measurement import MAX_MISSED
 from hil.experiments.plant.motion import PlantRequest
@@ -21,11 +21,8 @@ REVERSED_FRACTION = 5e-3
 AT_RANGE_ROWS = 4
 """Measured with `SATURATED_FRACTION`, at most 2 on 30 robots: rows in which the accelerometer may show its very largest value."""
 TIP_COHERENCE = 0.5
-"""Measured with `LEVER_RATIO`, 0.77 at least, and 0.10 to 0.28 in the pilots of three, whose tip is left out: median coherence of
-the tip with the motor that shows that it is this axis' tip."""
-LEVER_RATIO = 2.0
-"""Measured: factor by which the lever seen may differ from the bench file's before it is another axis' or another sensor: 0.978
-to 1.013 on 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749)."""
+"""Measured: median coherence of the tip with the motor that shows that it is this axis' tip: 0.77 at least on the 14 drawn robots
+of `LEVER_RATIO`, and 0.10 to 0.28 in the pilots of three, whose tip is left out."""
 ANTIRESONANCE_PCT, STIFFNESS_PCT = 1.0, 5.0
 """Measured with `SATURATED_FRACTION`, 0.24 and 1.3 at most: standard errors with which a plant is accepted, %."""
 

@@ -16,6 +16,7 @@ from hil.design.plant_identification import (
     sine_of_same_spring_rad,
 )
 from hil.design.plant_problem import LAG as LAG_AT
+from hil.design.plant_problem import LEVER as LEVER_AT
 from hil.design.plant_problem import PlantProblem, SamplingTiming, Scatter, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 
@@ -144,6 +145,20 @@ def test_too_little_is_refused_with_the_number_needed(periods: int, lines: int, 
     with pytest.raises(UnidentifiableError, match=rf"{what}.*needed") as caught:
         fit_plant(few, timing(), 120.0, LEVER)
     assert caught.value.value < caught.value.needed
+
+
+def test_a_lever_without_end_is_left_for_the_bench_files() -> None:
+    """It leaves nothing of a tip whose images are open: 51325, 30 Hz and 8 ms, had 10¹⁶ times its lever and a delay 13 ms off."""
+    problem = PlantProblem(synthetic(1), timing(), 120.0, LEVER, 0.0)
+    x = problem.start(np.log([PLANT.motor_inertia_kg_m2, PLANT.arm_inertia_kg_m2, PLANT.gear_stiffness_nm_rad, 10.0, 1.0]))
+    x[4] = PLANT.motor_damping_nm_s_rad
+    problem.focus(PLANT.antiresonance_hz)
+    x[LEVER_AT] = math.log(1.9)
+    assert all(each[LEVER_AT] == x[LEVER_AT] for each in problem.with_other_delay(x))
+    x[LEVER_AT] = 20.0
+    *_, fresh = problem.with_other_delay(x)
+    assert fresh[LEVER_AT] == 0.0
+    assert np.array_equal(fresh[:LEVER_AT], x[:LEVER_AT])
 
 
 # -- spectra -----------------------------------------------------------------------------------------------------------
