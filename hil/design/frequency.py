@@ -199,14 +199,20 @@ class Loop:
         return np.asarray(s2 * self.arm_per_transmission_error(frequency_hz, speed_rps))
 
     def peak_hz(self) -> float:
-        """Frequency f_al at which |G_al| without notch peaks, around the anti-resonance."""
+        """Frequency f_al at which |G_al| without notch peaks, around the anti-resonance.
+
+        A loop that damps the arm out leaves no peak: then it is the anti-resonance, since the arm on its gear is what the
+        transmission error shakes. The end of the range, 2.4 f_a, would be no frequency of the robot at all.
+        """
         low_hz, high_hz = min(4.0, self.plant.antiresonance_hz / 3.0), max(30.0, 2.4 * self.plant.antiresonance_hz)
         grid = np.linspace(low_hz, high_hz, math.ceil((high_hz - low_hz) / 0.01) + 1)
         bare = Loop(self.plant, self.cascade, (), self.period_s, self.delay_samples)
         gain = np.abs(bare.acceleration_per_transmission_error(grid))
         # the inertia line rises with ω², so only an inner maximum is a resonance
         inner = np.flatnonzero((gain[1:-1] > gain[:-2]) & (gain[1:-1] >= gain[2:])) + 1
-        top = grid[inner[np.argmax(gain[inner])]] if inner.size else grid[np.argmax(gain)]
+        if not inner.size:
+            return self.plant.antiresonance_hz
+        top = grid[inner[np.argmax(gain[inner])]]
         peak = scipy.optimize.minimize_scalar(
             lambda f: -float(np.abs(bare.acceleration_per_transmission_error(np.array([f])))[0]),
             bounds=(top - 0.02, top + 0.02),

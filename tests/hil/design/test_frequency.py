@@ -39,6 +39,16 @@ def test_table_1_peak_of_g_al_and_the_resonant_speeds(axis, f_al, f_m2, f_m4):
     assert peak / 4.0 == pytest.approx(f_m4, abs=0.006)
 
 
+def test_an_arm_that_its_loop_damps_out_has_its_anti_resonance_for_f_al():
+    """A drawn robot (51753): |G_al| has no peak, and f_al was the end of the range, 63.3 Hz."""
+    plant = TwoInertia(137.0, 5.1841e-5, 2.1786e-4, 4.3627, 11.252, 119650.0, 60.227)
+    damped = Loop(plant, Cascade(37.05, 0.03257, 0.6514, 300.0), (), T)
+    f_a = plant.antiresonance_hz
+    gain = np.abs(damped.acceleration_per_transmission_error(np.linspace(0.3 * f_a, 2.4 * f_a, 500)))
+    assert np.all(np.diff(gain) > 0.0)
+    assert damped.peak_hz() == f_a
+
+
 @pytest.mark.parametrize("axis", [2, 3])
 def test_figure_4_antiresonance_near_12_hz_and_resonance_near_22_hz(axis):
     plant = BENCH.axis[axis].plant()

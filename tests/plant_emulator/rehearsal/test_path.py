@@ -172,3 +172,14 @@ def test_more_runs_lower_what_one_wave_would_repeat(seed, tmp_path):
     found = identified.axis[min(robot.axis)].plant
     for name in ("motor_inertia_kg_m2", "arm_inertia_kg_m2"):
         assert abs(getattr(found.values, name) - getattr(axis, name)) < 3.0 * found.standard_error[name], name
+
+
+@pytest.mark.ci
+def test_an_arm_that_its_loop_damps_out_is_not_refused_for_its_cycle(tmp_path):
+    """f_a is 20.5 Hz, and 8 ms show it; its |G_al| has no peak, and the end of the search, 49 Hz, was taken for f_al."""
+    robot = draw(51750, kind="real")
+    axis = min(robot.axis)
+    steps = StepsInProcess(robot, bench_of(robot), axis, PathFiles(tmp_path))
+    steps.plant()
+    assert steps.ate() is None
+    assert steps.run("cancellation", is_learnt=False).left_mm < 0.010
