@@ -343,7 +343,7 @@ class GearFit:
             columns = list(after)
             slopes = [np.zeros((len(p), len(at)), at.dtype) for at in before]
             for rows, there, at in zip(slopes, ramp.shown_alike(list(after.values()), steps[columns]), before, strict=True):
-                rows[columns] = (there - at) / self._size[columns, np.newaxis]
+                rows[columns] = (there - at) * (1.0 / self._size[columns, np.newaxis])
             found.append(slopes)
         return found
 

@@ -228,6 +228,7 @@ class Ramp:
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
         rounded = np.random.default_rng(begins_at).uniform(-0.5, 0.5, self._count) * step
         self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
+
     def _spectra(self, signals: Real) -> list[Complex]:
         """Spectra of each part in the band, without its straight line; a row for each signal."""
         made = []

@@ -364,16 +364,17 @@ class RampsModel:
         ends = np.cumsum([len(part.signal) for part in self._parts])[:-1]
         return [np.asarray(each) for each in np.split(values, ends)]
 
-    def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
-        """Power of the residual by delay, each direction with its own orders."""
+    def powers_apart(self, arm: Arm, delays_s: Sequence[float], orders: Sequence[float]) -> list[float]:
+        """Power of the residual by delay, with some of the orders, each direction with its own."""
         motion, matrix = self.columns(replace(arm, delay_s=0.0))
+        columns = [matrix.T[2 * self.orders.index(order) + part] for order in orders for part in (0, 1)]
         totals = np.zeros(len(delays_s))
         for direction in (1, -1):
             rows = self._rows_of(direction)
             if not len(rows):
                 continue
             ahead, power = self._ahead(direction, tuple(delays_s))
-            own = np.vstack([matrix.T, motion]).take(rows, axis=1)
+            own = np.stack([column.take(rows) for column in (*columns, motion)])
             square, along = own @ own.T, own @ ahead
             # the motor's motion is taken off all signals
             wanted, along = power - 2.0 * along[-1] + square[-1, -1], along[:-1] - square[:-1, -1:]
