@@ -178,13 +178,13 @@ def identify(
     """
     _check(sweeps, tuple(orders))
     arm = start if is_near and start is not None else searched(sweeps, reduction_ratio, sensing, [orders], start)[0]
-    noise, weights = None, None
+    noise, weights, like = None, None, None
     for _ in range(2):  # the band follows the arm, and the weights the noise
-        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise, weights)
+        model = like = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise, weights, like)
         arm = refined(model, arm)
         noise, weights = model.noise(arm), weights or model.weights(arm)
     arm = _without_rounding(model, arm)
-    model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm), weights)
+    model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm), weights, model)
     arm = _without_rounding(model, arm)
     factor = motion_factor(sweeps, reduction_ratio, sensing, orders, arm)
     return _estimate(model, arm, factor)
@@ -235,10 +235,11 @@ def _model_around(
     frequency_hz: float,
     noise: Noise | None = None,
     weights: Sequence[float] | None = None,
+    like: RampsModel | None = None,
 ) -> RampsModel:
     top = 0.4 / max(sweep.period_s for sweep in sweeps)
     band = (BAND[0] * frequency_hz, min(BAND[1] * frequency_hz, top))
-    return RampsModel(sweeps, reduction_ratio, sensing, orders, band, noise, weights)
+    return RampsModel(sweeps, reduction_ratio, sensing, orders, band, noise, weights, like=like)
 
 
 def searched(
