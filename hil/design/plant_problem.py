@@ -703,7 +703,8 @@ def _rise(value: Complex, by: Complex) -> Real:
 
 def _weighed(left: Complex, by_left: Complex, sigma: Real, by_sigma: Real) -> Complex:
     """Slopes of left/σ."""
-    return np.asarray((by_left - left / sigma * by_sigma) / sigma)
+    per_sigma = 1.0 / sigma
+    return np.asarray((by_left - left * per_sigma * by_sigma) * per_sigma)
 
 
 def tip_response(

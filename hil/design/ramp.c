@@ -11,8 +11,8 @@ struct passing {
     real v[7];
     real error[2]; /* theta_sync, and its slope */
     real sync, last;
-    real grid_angle; /* at which the waves are developed */
-    struct waves *kept;
+    struct waves *kept, *near; /* the waves, and those at the grid angle */
+    real grid_angle;
 };
 
 /* theta_sync and its slope at an angle, as wave_sums gives them. */
@@ -21,14 +21,14 @@ static void find_error(const struct harmonic *harmonics, integer orders, real an
     struct passing *p = passing;
     const real spacing = p->kept->spacing;
     if (!(FABS(angle - p->grid_angle) < spacing)) {
-        p->grid_angle = nearest_whole(angle / spacing) * spacing;
+        const real place = nearest_whole(angle / spacing);
+        p->grid_angle = place * spacing;
+        p->near = &p->kept[FABS(place) < WHOLE ? (integer)place & (KEPT - 1) : 0];
     }
-    const real place = p->grid_angle / spacing;
-    struct waves *near = &p->kept[FABS(place) < WHOLE ? (integer)place & (KEPT - 1) : 0];
-    if (near->angle != p->grid_angle) {
-        develop_waves(harmonics, orders, p->grid_angle, near);
+    if (p->near->angle != p->grid_angle) {
+        develop_waves(harmonics, orders, p->grid_angle, p->near);
     }
-    const pair found = sum_waves(harmonics, orders, angle, 1.0, near);
+    const pair found = sum_waves(harmonics, orders, angle, 1.0, p->near);
     p->error[0] = found[0];
     p->error[1] = found[1];
 }

@@ -27,7 +27,18 @@ import scipy
 from hil.control.angles import ARCSEC
 from hil.control.arrays import Complex, Real
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_FROM, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
+from hil.design.ate.gear_ramp import (
+    BEGINNING,
+    FACTORS,
+    GEAR_FROM,
+    OF_IMAGES,
+    OF_ROUNDING,
+    SHARED,
+    Ramp,
+    Setting,
+    moved_ramps,
+    thinning,
+)
 from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
 from hil.design.ate.misfit import LEAST_MISSED
@@ -246,9 +257,8 @@ class GearFit:
 
     def _left(self, p: Real) -> tuple[list[list[Complex]], list[Complex]]:
         """Residual spectra of every ramp's parts, and the simulated spectra."""
-        law = self._setting.law(p)
-        moved = [ramp.moved(p, law) for ramp in self._ramps]
-        return [self._of(ramp, spectrum, p) for ramp, spectrum in zip(self._ramps, moved, strict=True)], moved
+        spectra = moved_ramps(self._ramps, p, self._setting.law(p))
+        return [self._of(ramp, spectrum, p) for ramp, spectrum in zip(self._ramps, spectra, strict=True)], spectra
 
     @staticmethod
     def _of(ramp: Ramp, moved: Complex, p: Real) -> list[Complex]:
@@ -343,7 +353,7 @@ class GearFit:
             columns = list(after)
             slopes = [np.zeros((len(p), len(at)), at.dtype) for at in before]
             for rows, there, at in zip(slopes, ramp.shown_alike(list(after.values()), steps[columns]), before, strict=True):
-                rows[columns] = (there - at) / self._size[columns, np.newaxis]
+                rows[columns] = (there - at) * (1.0 / self._size[columns, np.newaxis])
             found.append(slopes)
         return found
 

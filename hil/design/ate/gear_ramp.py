@@ -191,6 +191,8 @@ class Ramp:
         every: One of so many samples is kept.
 
     Attributes:
+        setting: What all ramps share.
+        motion: Motion of the gear's input.
         counts: Samples of each part.
         hz: Frequencies of each part's bins.
         own: Unknowns of the ramp's beginning.
@@ -200,14 +202,14 @@ class Ramp:
 
     def __init__(self, sweep: Sweep, setting: Setting, begins_at: int, every: int = 1) -> None:
         recorded, sweep = sweep, thinned(sweep, every)
-        self._setting, self._period_s = setting, sweep.period_s
+        self.setting, self._period_s = setting, sweep.period_s
         self.own = slice(begins_at, begins_at + len(BEGINNING))
-        self._motion = BaseMotion.of(
+        self.motion = BaseMotion.of(
             sweep.motor_angle_rad, sweep.period_s, setting.reduction_ratio, setting.orders, setting.band_hz[1], setting.ripple
         )
         self._count = len(sweep.motor_angle_rad)
         self._length = int(scipy.fft.next_fast_len(self._count, real=True))
-        self._sensor = setting.sensor(self._length * self._motion.per_sample, self._motion.step_s, self._period_s)
+        self._sensor = setting.sensor(self._length * self.motion.per_sample, self.motion.step_s, self._period_s)
         turned = int(np.flatnonzero(sweep.direction == sweep.direction[np.flatnonzero(sweep.direction)[0]])[-1])
         later = np.flatnonzero(sweep.direction[turned:] == -sweep.direction[turned])
         between = turned + (int(later[0]) // 2 if len(later) else 0)
@@ -227,7 +229,7 @@ class Ramp:
         size = setting.lever_m * step / setting.reduction_ratio
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
         rounded = np.random.default_rng(begins_at).uniform(-0.5, 0.5, self._count) * step
-        self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
+        self._shaken = self.motion.shaken(rounded, setting.reduction_ratio)
 
     def _spectra(self, signals: Real) -> list[Complex]:
         """Spectra of each part in the band, without its straight line; a row for each signal."""
@@ -237,14 +239,10 @@ class Ramp:
             made.append(scipy.fft.rfft(parts)[:, inside])
         return made
 
-    def _began(self, p: Real) -> tuple[float, complex]:
+    def began(self, p: Real) -> tuple[float, complex]:
         """z/F at the beginning, and the phasor of the ringing."""
         wound, real, imaginary = p[self.own].tolist()
         return wound, complex(real, imaginary)
-
-    def moved(self, p: Real, law: GearLaw) -> Complex:
-        """Spectrum of the simulated acceleration at the integration's steps."""
-        return np.asarray(self.moved_alike(p[np.newaxis], [law])[0])
 
     def moved_alike(self, unknowns: Real, laws: Sequence[GearLaw]) -> Complex:
         """Spectra of several arms, a row each, as each has it alone.
@@ -252,17 +250,20 @@ class Ramp:
         Args:
             unknowns: A vector of each; shape (arms, unknowns).
         """
-        waves = unknowns[:, self._setting.waves]
-        motions = np.empty((len(waves) if np.any(waves != waves[0]) else 1, *self._motion.rigid.shape))
+        waves = unknowns[:, self.setting.waves]
+        motions = np.empty((len(waves) if np.any(waves != waves[0]) else 1, *self.motion.rigid.shape))
         for each, motion in zip(waves, motions, strict=False):
-            self._motion.with_error(each, motion)
-        records = np.concatenate([law.record(*self._began(p)) for p, law in zip(unknowns, laws, strict=True)])
-        accelerations = follow_alike(records, motions, self._motion.step_s)
-        return np.asarray(scipy.fft.rfft(accelerations, self._length * self._motion.per_sample))
+            self.motion.with_error(each, motion)
+        records = np.concatenate([law.record(*self.began(p)) for p, law in zip(unknowns, laws, strict=True)])
+        return self.spectrum(follow_alike(records, motions, self.motion.step_s))
+
+    def spectrum(self, accelerations: Real) -> Complex:
+        """Spectra of accelerations at the integration's steps; of each row."""
+        return np.asarray(scipy.fft.rfft(accelerations, self._length * self.motion.per_sample))
 
     def largest(self, moved: Complex) -> float:
         """Largest acceleration in the band, in rad/s², of a simulated spectrum."""
-        (low, high), hz = self._setting.band_hz, self._sensor.hz
+        (low, high), hz = self.setting.band_hz, self._sensor.hz
         return float(np.max(np.abs(scipy.fft.irfft(np.where((hz > low) & (hz < high), moved, 0.0)))))
 
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
@@ -275,16 +276,16 @@ class Ramp:
         Args:
             unknowns: A vector for each; shape (spectra, unknowns).
         """
-        every, setting = self._motion.per_sample, self._setting
+        every, setting = self.motion.per_sample, self.setting
         shown = (self._sensor.shown(each, setting.lever_m, setting.shared(p)) for each, p in zip(moved, unknowns, strict=True))
         late = np.stack([_folded(each, self._length, every) for each in shown])
         return self._spectra(scipy.fft.irfft(late, self._length)[:, : self._count] / every)
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
         """Power that one draw of the rounding adds, simulated; per sample."""
-        base, speed = self._motion.with_error(p[self._setting.waves]) + self._shaken
-        added = law.follow(base, speed, self._motion.step_s, *self._began(p))
-        spectrum = np.asarray(scipy.fft.rfft(added, self._length * self._motion.per_sample)) - moved
+        base, speed = self.motion.with_error(p[self.setting.waves]) + self._shaken
+        added = law.follow(base, speed, self.motion.step_s, *self.began(p))
+        spectrum = np.asarray(scipy.fft.rfft(added, self._length * self.motion.per_sample)) - moved
         return [np.abs(each) ** 2 / n for each, n in zip(self.shown(spectrum, p), self.counts, strict=True)]
 
     def rounding(self, p: Real, small: tuple[float, float]) -> list[Real]:
@@ -292,8 +293,22 @@ class Ramp:
 
         For so small a motion the arm is linear; `small` holds the factors by which f_a and ζ are others there.
         """
-        v, law, found = self._setting.shared(p), self._setting.law(p), list[Real]()
+        v, law, found = self.setting.shared(p), self.setting.law(p), list[Real]()
         for hz, size in zip(self.hz, self._rounding, strict=True):
             arm = Arm(small[0] * law.resonance_hz, small[1] * law.damping, 0.0, law.gear_fraction).response(hz)
             found.append(size * np.abs(_gain(hz, v["resonance"], v["bend"], v["droop"]) * arm) ** 2)
         return found
+
+
+def moved_ramps(ramps: Sequence[Ramp], p: Real, law: GearLaw) -> list[Complex]:
+    """Spectra of the simulated acceleration of each ramp; those of one step are simulated side by side."""
+    found: dict[int, Complex] = {}
+    for step_s in {ramp.motion.step_s for ramp in ramps}:
+        alike = [i for i, ramp in enumerate(ramps) if ramp.motion.step_s == step_s]
+        made = [ramps[i].motion.with_error(p[ramps[i].setting.waves]) for i in alike]
+        longest = max(each.shape[1] for each in made)
+        motions = np.stack([np.pad(each, ((0, 0), (0, longest - each.shape[1])), "edge") for each in made])
+        records = np.concatenate([law.record(*ramps[i].began(p)) for i in alike])
+        for i, each, acceleration in zip(alike, made, follow_alike(records, motions, step_s), strict=True):
+            found[i] = ramps[i].spectrum(acceleration[: each.shape[1] // 2 + 1])
+    return [found[i] for i in range(len(ramps))]

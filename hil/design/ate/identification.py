@@ -177,14 +177,14 @@ def identify(
     Source: the paper, section 3.2.
     """
     _check(sweeps, tuple(orders))
-    arm = start if is_near and start is not None else _search(sweeps, reduction_ratio, sensing, tuple(orders), start)
-    noise, weights = None, None
+    arm = start if is_near and start is not None else searched(sweeps, reduction_ratio, sensing, [orders], start)[0]
+    noise, weights, like = None, None, None
     for _ in range(2):  # the band follows the arm, and the weights the noise
-        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise, weights)
+        model = like = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise, weights, like)
         arm = refined(model, arm)
         noise, weights = model.noise(arm), weights or model.weights(arm)
     arm = _without_rounding(model, arm)
-    model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm), weights)
+    model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm), weights, model)
     arm = _without_rounding(model, arm)
     factor = motion_factor(sweeps, reduction_ratio, sensing, orders, arm)
     return _estimate(model, arm, factor)
@@ -235,16 +235,22 @@ def _model_around(
     frequency_hz: float,
     noise: Noise | None = None,
     weights: Sequence[float] | None = None,
+    like: RampsModel | None = None,
 ) -> RampsModel:
     top = 0.4 / max(sweep.period_s for sweep in sweeps)
     band = (BAND[0] * frequency_hz, min(BAND[1] * frequency_hz, top))
-    return RampsModel(sweeps, reduction_ratio, sensing, orders, band, noise, weights)
+    return RampsModel(sweeps, reduction_ratio, sensing, orders, band, noise, weights, like=like)
 
 
-def _search(
-    sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[float, ...], start: Arm | None
-) -> Arm:
-    """Search arm and delay over a grid."""
+def searched(
+    sweeps: Sequence[Sweep],
+    reduction_ratio: float,
+    sensing: Sensing,
+    choices: Sequence[Sequence[float]],
+    start: Arm | None = None,
+) -> list[Arm]:
+    """Search arm and delay over a grid, for each choice of orders."""
+    orders = tuple(dict.fromkeys(order for choice in choices for order in choice))
     top = 0.3 / max(sweep.period_s for sweep in sweeps)
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
     band = (0.8 * low, min(1.2 * high, 1.2 * top))
@@ -258,24 +264,26 @@ def _search(
     if start is not None:
         arms.append(start)
     # the motor's own motion is as late as all else: at 30 Hz a delay that is left out looks like another resonance
-    best = _least_apart(model, arms, np.linspace(sensing.delay_from_s, sensing.delay_to_s, DELAYS))
-    model = _model_around(sweeps, reduction_ratio, sensing, orders, best.resonance_hz)
-    fine = [
-        replace(best, resonance_hz=best.resonance_hz * float(f), damping=best.damping * z)
-        for f in np.linspace(0.96, 1.04, 9)
-        for z in (0.6, 1.0, 1.6)
-    ]
-    delays = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS)
-    best = _least_apart(model, fine, delays)
-    return min((replace(best, delay_s=float(delay)) for delay in delays), key=model.power)
+    likely = _least_apart(model, arms, np.linspace(sensing.delay_from_s, sensing.delay_to_s, DELAYS), choices)
+    delays, found = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS), []
+    for choice, best in zip(choices, likely, strict=True):
+        model = _model_around(sweeps, reduction_ratio, sensing, tuple(choice), best.resonance_hz)
+        fine = [
+            replace(best, resonance_hz=best.resonance_hz * float(f), damping=best.damping * z)
+            for f in np.linspace(0.96, 1.04, 9)
+            for z in (0.6, 1.0, 1.6)
+        ]
+        (best,) = _least_apart(model, fine, delays, [choice])  # noqa: PLW2901 - nearer
+        found.append(min((replace(best, delay_s=float(delay)) for delay in delays), key=model.power))
+    return found
 
 
-def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
-    """Choose arm and delay with the least residual, directions apart."""
+def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real, choices: Sequence[Sequence[float]]) -> list[Arm]:
+    """Choose arm and delay with the least residual, directions apart, for each choice of the model's orders."""
     delays = [float(delay) for delay in delays_s]
-    powers = np.array([model.powers_apart(arm, delays) for arm in arms])
-    row, column = divmod(int(np.argmin(powers)), len(delays))
-    return replace(arms[row], delay_s=delays[column])
+    powers = np.array([[model.powers_apart(arm, delays, choice) for choice in choices] for arm in arms])
+    best = [divmod(int(np.argmin(each)), len(delays)) for each in powers.swapaxes(0, 1)]
+    return [replace(arms[row], delay_s=delays[column]) for row, column in best]
 
 
 def with_arm(

@@ -177,7 +177,7 @@ def _spectra_of_waves(
 
 
 class SweepModel:
-    """Model of one recording."""
+    """Model of one recording; of `like`, another of it with the same orders, it takes the spectra that no band changes."""
 
     def __init__(
         self,
@@ -189,6 +189,7 @@ class SweepModel:
         noise: Noise | None = None,
         weight_of_all: float = 1.0,
         kept_bands: float = 4.0,
+        like: "SweepModel | None" = None,
     ) -> None:
         angle, period_s, self._orders = sweep.motor_angle_rad, sweep.period_s, tuple(orders)
         # nothing passes beyond four times the band, so every n-th sample says all
@@ -200,7 +201,12 @@ class SweepModel:
         self._length = int(scipy.fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
         full = self._length * self._every
         inside = slice(0, self._length // 2)
-        frequency, spectra = _spectra_of_waves(sweep, reduction_ratio, self._orders, full, inside)
+        if like is None or (like._length, like._every) != (self._length, self._every):
+            seen = scipy.fft.rfft(levelled(sweep.signal), full)[inside]
+            self._whole = *_spectra_of_waves(sweep, reduction_ratio, self._orders, full, inside), seen
+        else:
+            self._whole = like._whole
+        frequency, spectra, seen = self._whole
         band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
         _, gain = scipy.signal.sosfreqz(band, frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase
@@ -221,7 +227,7 @@ class SweepModel:
         self._turn, self._turn_of_all = (lru_cache(3)(partial(turn, each)) for each in (self._frequency, frequency))
         # the fraction of white noise that comes through, hence of the samples that are independent
         self.independent = self._every * self._white
-        self._seen = weight[inside] * scipy.fft.rfft(levelled(sweep.signal), full)[inside]
+        self._seen = weight[inside] * seen
         self.signal = self._samples(self._seen)
 
     def ahead(self, delay_s: float) -> Real:
@@ -289,7 +295,7 @@ def levelled(values: Real, edge: int = 16) -> Real:
 
 
 class RampsModel:
-    """Model of several recordings at once."""
+    """Model of several recordings at once; `like` is another of them with the same orders."""
 
     def __init__(
         self,
@@ -301,11 +307,12 @@ class RampsModel:
         noise: Noise | None = None,
         weights: Sequence[float] | None = None,
         kept_bands: float = 4.0,
+        like: "RampsModel | None" = None,
     ) -> None:
-        each = weights or (1.0,) * len(sweeps)
-        self._parts = [
-            SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise and noise.seen_with(weight), weight, kept_bands)
-            for sweep, weight in zip(sweeps, each, strict=True)
+        known: Sequence[SweepModel | None] = [None] * len(sweeps) if like is None else like._parts
+        self._parts: list[SweepModel] = [
+            SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise and noise.seen_with(each), each, kept_bands, part)
+            for sweep, each, part in zip(sweeps, weights or (1.0,) * len(sweeps), known, strict=True)
         ]
         self.directions = np.concatenate([part.direction[part.direction != 0] for part in self._parts])
         self.signal = np.concatenate([part.signal for part in self._parts])
@@ -364,16 +371,17 @@ class RampsModel:
         ends = np.cumsum([len(part.signal) for part in self._parts])[:-1]
         return [np.asarray(each) for each in np.split(values, ends)]
 
-    def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
-        """Power of the residual by delay, each direction with its own orders."""
+    def powers_apart(self, arm: Arm, delays_s: Sequence[float], orders: Sequence[float]) -> list[float]:
+        """Power of the residual by delay, with some of the orders, each direction with its own."""
         motion, matrix = self.columns(replace(arm, delay_s=0.0))
+        columns = [matrix.T[2 * self.orders.index(order) + part] for order in orders for part in (0, 1)]
         totals = np.zeros(len(delays_s))
         for direction in (1, -1):
             rows = self._rows_of(direction)
             if not len(rows):
                 continue
             ahead, power = self._ahead(direction, tuple(delays_s))
-            own = np.vstack([matrix.T, motion]).take(rows, axis=1)
+            own = np.stack([column.take(rows) for column in (*columns, motion)])
             square, along = own @ own.T, own @ ahead
             # the motor's motion is taken off all signals
             wanted, along = power - 2.0 * along[-1] + square[-1, -1], along[:-1] - square[:-1, -1:]

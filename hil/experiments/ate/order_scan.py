@@ -17,7 +17,7 @@ import numpy as np
 from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.control.arrays import Real
 from hil.control.order_keys import order_keys
-from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.identification import JointEstimate, identify, searched
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.ate.refinement import shifted
 from hil.design.estimation import SEARCHED_SIGMAS
@@ -135,7 +135,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
     """
     scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
     if estimate.explained_by_error < 1.0 - VIBRATES:
-        tried = [scan.with_order(estimate, order) for order in TRIED_ORDERS if order not in estimate.error.amplitude_arcsec]
+        tried = scan.with_each(estimate, [order for order in TRIED_ORDERS if order not in estimate.error.amplitude_arcsec])
         better = [fit for fit in tried if scan.is_seen(fit, estimate)]
         if better:
             estimate = max(better, key=lambda fit: fit.explained_by_error)
@@ -144,7 +144,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
         order = scan.standing_out(estimate)
         if order is None:
             break
-        found = scan.with_order(estimate, order)
+        (found,) = scan.with_each(estimate, [order])
         if not scan.is_seen(found, estimate):
             break
         seen.append(scan.last_of(found))
@@ -165,11 +165,13 @@ class _Scan:
         """Model of some orders in the band of an estimate."""
         return RampsModel(self.sweeps, self.reduction_ratio, self.sensing, tuple(orders), estimate.band_hz)
 
-    def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
-        """Fit one more order, which is the last of the fit."""
-        is_near, orders = estimate.explained_by_error >= 1.0 - VIBRATES, (*estimate.error.amplitude_arcsec, order)
-        start = estimate.arm if is_near else None
-        return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
+    def with_each(self, estimate: JointEstimate, tried: Sequence[float]) -> list[JointEstimate]:
+        """Fit one more order, which is the last of the fit, for each that is tried."""
+        given = self.sweeps, self.reduction_ratio, self.sensing
+        choices = [(*estimate.error.amplitude_arcsec, each) for each in tried]
+        is_near = estimate.explained_by_error >= 1.0 - VIBRATES
+        arms = [estimate.arm] * len(choices) if is_near else searched(*given, choices)
+        return [identify(*given, arm, orders, is_near=True) for arm, orders in zip(arms, choices, strict=True)]
 
     def last_of(self, estimate: JointEstimate) -> SeenOrder:
         """Last order of a fit."""

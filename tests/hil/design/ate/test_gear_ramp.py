@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.gear_ramp import BEGINNING, SHARED, Ramp, Setting, thinned, thinning
+from hil.design.ate.gear_ramp import BEGINNING, SHARED, Ramp, Setting, moved_ramps, thinned, thinning
+from hil.design.ate.model import Sweep
 from hil.design.ate.ripple import NO_RIPPLE, Ripple
 from tests.hil.design.ate.test_gear_fit import LEVER, ORDERS, RATIO, SOFT, recorded, unknowns
 
@@ -54,7 +55,7 @@ def test_where_the_samples_show_ripple_at_another_frequency_nothing_is_thinned(s
 @pytest.mark.parametrize("every", [1, 2, 4])
 def test_the_simulated_arm_moves_as_a_thinned_recording_does_but_for_a_thousandth(silent, every):
     ramp = Ramp(silent, setting(), AT, every)
-    for seen, shown in zip(ramp.seen, ramp.shown(ramp.moved(soft(), SOFT), soft()), strict=True):
+    for seen, shown in zip(ramp.seen, ramp.shown(moved_ramps([ramp], soft(), SOFT)[0], soft()), strict=True):
         assert np.sum(np.abs(seen - shown) ** 2) < 1e-6 * np.sum(np.abs(seen) ** 2)
 
 
@@ -62,7 +63,7 @@ def test_what_a_thinned_recording_leaves_is_the_noise_that_the_whole_one_leaves(
     left = {}
     for every in (1, 4):
         ramp = Ramp(sweep, setting(), AT, every)
-        shown = ramp.shown(ramp.moved(soft(), SOFT), soft())
+        shown = ramp.shown(moved_ramps([ramp], soft(), SOFT)[0], soft())
         left[every] = [float(np.mean(np.abs(a - b) ** 2)) / n for a, b, n in zip(ramp.seen, shown, ramp.counts, strict=True)]
     assert np.allclose(4.0 * np.array(left[4]), left[1], rtol=0.12)
 
@@ -76,3 +77,12 @@ def test_noise_and_rounding_of_a_thinned_recording_are_those_of_what_is_kept(swe
 
 def test_a_recording_of_which_each_sample_is_kept_is_the_recording(sweep):
     assert thinned(sweep, 1) is sweep
+
+
+def test_ramps_side_by_side_move_as_each_does_alone(sweep, silent):
+    """They are of different lengths: to the last bit."""
+    p = np.concatenate([soft(), [0.3, 1e-5, -1e-5]])
+    shorter = Sweep(silent.motor_angle_rad[:-300], silent.signal[:-300], silent.period_s, silent.direction[:-300])
+    ramps = [Ramp(each, setting(), AT + len(BEGINNING) * i, 4) for i, each in enumerate((sweep, shorter))]
+    for ramp, found in zip(ramps, moved_ramps(ramps, p, SOFT), strict=True):
+        assert found.tobytes() == moved_ramps([ramp], p, SOFT)[0].tobytes()
