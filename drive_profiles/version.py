@@ -1,6 +1,7 @@
 """Version and commit of this project, for `--version` and the reports."""
 
 import subprocess
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -14,8 +15,12 @@ _COMMIT_DIGITS = 12
 _GIT_TIMEOUT_S = 2.0
 
 
+@cache
 def version_text() -> str:
-    """Return the version and, if known, the commit: ``0.1.0 (commit 105b655a1b2c, modified)``."""
+    """Return the version and, if known, the commit: ``0.1.0 (commit 105b655a1b2c, modified)``.
+
+    It is looked up once: a checkout that changes later does not change the code of this process.
+    """
     try:
         number = metadata.version(DISTRIBUTION)
     except metadata.PackageNotFoundError:
