@@ -305,10 +305,11 @@ def moved_ramps(ramps: Sequence[Ramp], p: Real, law: GearLaw) -> list[Complex]:
     found: dict[int, Complex] = {}
     for step_s in {ramp.motion.step_s for ramp in ramps}:
         alike = [i for i, ramp in enumerate(ramps) if ramp.motion.step_s == step_s]
-        made = [ramps[i].motion.with_error(p[ramps[i].setting.waves]) for i in alike]
-        longest = max(each.shape[1] for each in made)
-        motions = np.stack([np.pad(each, ((0, 0), (0, longest - each.shape[1])), "edge") for each in made])
+        motions = np.empty((len(alike), 2, max(ramps[i].motion.rigid.shape[1] for i in alike)))
+        for i, motion in zip(alike, motions, strict=True):
+            made = ramps[i].motion.with_error(p[ramps[i].setting.waves])
+            motion[:, : made.shape[1]], motion[:, made.shape[1] :] = made, made[:, -1:]
         records = np.concatenate([law.record(*ramps[i].began(p)) for i in alike])
-        for i, each, acceleration in zip(alike, made, follow_alike(records, motions, step_s), strict=True):
-            found[i] = ramps[i].spectrum(acceleration[: each.shape[1] // 2 + 1])
+        for i, acceleration in zip(alike, follow_alike(records, motions, step_s), strict=True):
+            found[i] = ramps[i].spectrum(acceleration[: ramps[i].motion.rigid.shape[1] // 2 + 1])
     return [found[i] for i in range(len(ramps))]

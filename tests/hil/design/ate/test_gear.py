@@ -81,8 +81,8 @@ def test_a_general_solver_gives_the_same_acceleration(name, ahead_rad):
 
 @pytest.mark.parametrize("has_one_motion", [True, False])
 def test_arms_side_by_side_move_as_each_does_alone(has_one_motion):
-    """More than go together at once, and all kinds of gears: to the last bit."""
-    laws = [replace(LAWS[each], damping=0.03 + 0.002 * i) for i in range(3) for each in LAWS]
+    """More than go together at once, an odd number of all kinds of gears: to the last bit."""
+    laws = [*(replace(LAWS[each], damping=0.03 + 0.002 * i) for i in range(3) for each in LAWS), LAWS["all"]]
     halves = np.arange(0.0, 1.0, 1e-3)[:-1]
     motions = np.array([base_of(law, halves) for law in laws[: 1 if has_one_motion else None]])
     motions *= np.linspace(1.0, 1.2, len(motions))[:, np.newaxis, np.newaxis]

@@ -9,7 +9,7 @@ import pytest
 from scipy import signal
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.identification import Agreement, identify
+from hil.design.ate.identification import Agreement, identify, searched
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.identify import delay_of
@@ -170,6 +170,21 @@ def test_a_pass_counts_by_what_it_leaves() -> None:
     weighted = RampsModel([bent, quiet, more], RATIO, Sensing(LEVER), (2, 4), band, weights=weights)
     off = [abs(math.hypot(*each.solve(arm)[0][:2]) / ARCSEC / 5.0 - 1.0) for each in (alike, weighted)]
     assert off[1] < 0.3 * off[0]
+
+
+def test_orders_that_are_searched_together_lead_each_to_the_arm_that_they_do_alone() -> None:
+    given, choices = ([sweep()], RATIO, Sensing(LEVER)), [(2, 4), (2, 4, 3), (2, 4, 5)]
+    assert searched(*given, choices) == [searched(*given, [choice])[0] for choice in choices]
+
+
+@pytest.mark.parametrize("band", [(6.0, 25.2), (3.0, 12.6)], ids=["as long", "longer"])
+def test_a_model_like_another_is_the_one_that_is_made_anew(band: tuple[float, float]) -> None:
+    given, arm = ([sweep()], RATIO, Sensing(LEVER), (2, 4)), Arm(12.0, ZETA)
+    new = RampsModel(*given, band)
+    for old, like in zip(
+        new.columns(arm), RampsModel(*given, band, like=RampsModel(*given, (6.1, 25.4))).columns(arm), strict=True
+    ):
+        assert old.tobytes() == like.tobytes()
 
 
 def test_a_lever_that_is_not_the_arms_shows_in_the_motors_own_motion() -> None:
