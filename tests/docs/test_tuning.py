@@ -45,8 +45,8 @@ DESIGN = "design.toml"
 
 EXPECTED = {
     "hil plan --bench bench.toml": "Fits",
-    "hil identify plant": "f_a  ",
-    "hil identify ate": "A_2  ",
+    "hil identify plant": "f_a, anti-resonance  ",
+    "hil identify ate": "A2  ",
     "hil run constant-acceleration --axis 2 --treatment cancellation ": "yes",
 }
 """Words that the page promises of a command that ends as it says."""

@@ -74,8 +74,8 @@ def test_an_order_that_lessens_the_ramps_own_jolt_by_chance_is_cancelled() -> No
     """
     survey, model, choice = chosen(110, {})
     assert {verdict.part.order for verdict in choice.verification.verdicts if verdict.verdict == "accepted"} >= {1, 4}
-    before, floor = survey.tip("none", Knowledge()).peak_mm, survey.floor().peak_mm
-    used = survey.cancelled(model, choice.verification.left_out).peak_mm
+    before, floor = survey.tip("none", Knowledge()), survey.floor()
+    used = survey.cancelled(model, choice.verification.left_out)
     assert used[4] > 1.2 * before[4]
     assert all(used[order] < 1.05 * floor[order] + 0.002 for order in used)
     assert max(used.values()) < max(before.values())

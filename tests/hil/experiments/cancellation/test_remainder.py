@@ -144,7 +144,7 @@ def tried(seed: int, ate: TransmissionErrorTable | None = None, *, knows_reactio
 
 def tip_mm(end: PathEnd, left_out: Collection[Part]) -> float:
     """The largest true tip."""
-    return max(Survey(end.robot, end.bench, end.axis).cancelled(end.model, left_out).peak_mm.values())
+    return max(Survey(end.robot, end.bench, end.axis).cancelled(end.model, left_out).values())
 
 
 @pytest.mark.ci
