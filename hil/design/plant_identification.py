@@ -268,9 +268,9 @@ def over_lag(problem: PlantProblem, fit: Any) -> tuple[Real, Real]:
 
 
 def _at_lags(problem: PlantProblem, fit: Any) -> list["_HeldLag"]:
-    """Fits at lags on both sides of the best, as far as not improbable.
+    """Fits at lags on both sides of a fit, as far as not improbable.
 
-    The best of them that is better leads to a better minimum, beside which all begins again.
+    If one of them is better than that fit, the fit was in another minimum: all begins again from the best of them.
     """
     enlarged, bounds = enlargement(problem, fit.x), problem.bounds(fit.x)
     best = _HeldLag.of(problem, fit.x, fit, enlarged)

@@ -59,8 +59,8 @@ LEVER_RATIO = 2.0
 """Measured: factor by which the lever seen may differ from the bench file's before it is another axis' or another sensor: 0.978
 to 1.013 on 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749)."""
 OUTSIDE = 1.1
-"""Measured: largest ratio of a resonance to the highest frequency of the excitation, further out nothing shows it: 0.31 to 0.87
-on 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749)."""
+"""Measured: largest ratio of a resonance to the highest frequency of the excitation, further out only its flank shows it: 0.31 to
+0.87 on 14 drawn robots (10700, 10712, 10730, 10735, 10740 to 10749)."""
 TRIED = 16
 """Accuracy: anti-resonances that are tried as a start: a factor of 2 changes nothing."""
 OTHER_RESONANCES, OTHER_BY = 8, 0.08
@@ -430,11 +430,11 @@ class PlantProblem:
         return [moved for _, moved in tried[:2]]
 
     def with_other_delay(self, x: Real) -> list[Real]:
-        """The same unknowns with a likelier delay of the accelerometer, if there is one.
+        """List the same unknowns with a likelier delay of the accelerometer.
 
         Around f_a alone the phase of a delay comes back after a period, so that a fit may end a period, or a part of one, away.
-        The errors of images grow with the lever, so that one without end explains any tip: beside a lever that is none of this
-        sensor's, a start with the bench file's is tried too.
+        The allowed errors of images grow with the lever, so that a lever that has run away explains any tip: if it is off by more
+        than `LEVER_RATIO`, a start with the bench file's lever is tried too. The list may be empty.
         """
         if self.data.tip is None or not len(self._tip_lines):
             return []

@@ -152,7 +152,7 @@ def speed_limit_rps(axis: RobotAxis) -> float:
 def acceleration_limit_rps_s(axis: RobotAxis) -> float:
     """Return the largest motor acceleration.
 
-    The torque gives it to rotor and arm, in two digits, as an engineer sizes a drive, and 60C5h can hold it.
+    It is what the torque gives rotor and arm, in two digits, as an engineer sizes a drive; at most what 60C5h can hold.
     """
     inertia = axis.motor_inertia_kg_m2 + axis.arm_inertia_kg_m2 / axis.reduction_ratio**2
     largest = _LARGEST_COUNTS_S2 / axis.encoder_counts_per_rev

@@ -177,7 +177,11 @@ def _spectra_of_waves(
 
 
 class SweepModel:
-    """Model of one recording; of `like`, another of it with the same orders, it takes the spectra that no band changes."""
+    """Model of one recording.
+
+    Args:
+        like: Another model of the same recording and orders; the spectra that do not depend on the band are taken from it.
+    """
 
     def __init__(
         self,
@@ -295,7 +299,11 @@ def levelled(values: Real, edge: int = 16) -> Real:
 
 
 class RampsModel:
-    """Model of several recordings at once; `like` is another of them with the same orders."""
+    """Model of several recordings at once.
+
+    Args:
+        like: Another model of the same recordings and orders, as in `SweepModel`.
+    """
 
     def __init__(
         self,
